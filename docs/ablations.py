@@ -2,7 +2,8 @@
 
 Each variant gets a learning rate of its own, the best of `RATES` by a short training with another seed. Results go
 into `docs/ablations.csv`, one row for each network: `make ablations` trains what is missing there, so that the
-experiment goes on where it was stopped, on any machine. With `--runs` elsewhere nothing is written into the pages.
+experiment goes on where it was stopped, on any machine. Rows by another version of the truth do not count. With
+`--runs` elsewhere nothing is written into the pages.
 """
 
 import argparse
@@ -14,6 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import experiments
 import markers
@@ -56,7 +58,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 }
 """Overrides beside the paper's choice: softplus, instance norm, beta .65, gamma 500, 11 blocks of 3x3."""
 RATES = (0.0002, 0.0006, 0.002, 0.006)
-SEEDS = (0, 1, 2, 3, 4)
+N_SEEDS = 5
 TUNING_SEED = 100
 LENGTHS = {
     "short": ("trainer.max_epochs=4", "+trainer.limit_train_batches=40"),
@@ -67,6 +69,8 @@ SCENES = tuple(sim30.SCENES)[::3]
 WIDE, FOCUS = 0.25, 0.75  # alphas up to where blur is wide, and from where scenes are near focus
 ROUNDS = 4  # of the measurement of time, of which the first is a warm-up
 KEY = ["variant", "length", "seed", "rate"]
+EXPERIMENT = f"{N_FIELDS} fields of {SIZE} px, sim30 {sim30.VERSION}"
+"""What else determines a result: the light fields learned from, and the truth."""
 
 
 @dataclass(frozen=True)
@@ -85,9 +89,14 @@ class Member:
 
     @property
     def overrides(self) -> list[str]:
-        """Of `lfref train`, without those of the data."""
+        """Overrides of `lfref train`, without those of the data."""
         own = (*VARIANTS[self.variant], *LENGTHS[self.length], f"optimizer.lr={self.rate:g}", f"seed={self.seed}")
         return [*SETUP, *own]
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """Its place among the results."""
+        return dict(zip(KEY, (self.variant, self.length, self.seed, self.rate), strict=True))
 
 
 class Results:
@@ -95,9 +104,10 @@ class Results:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.rows = pd.DataFrame(columns=[*KEY, "setup"])
+        self.rows = pd.DataFrame(columns=[*KEY, "setup", "experiment"])
         if path.exists():
-            self.rows = tables.with_numbers(tables.read_table(path), "seed").astype({"seed": int})
+            rows = tables.with_numbers(tables.read_table(path), "seed").astype({"seed": int})
+            self.rows = rows[rows["experiment"] == EXPERIMENT].reset_index(drop=True)
         self._lock = threading.Lock()
 
     def has(self, member: Member) -> bool:
@@ -106,20 +116,14 @@ class Results:
 
     def add(self, member: Member, values: Mapping[str, float]) -> None:
         """Add one training; it replaces one of the same variant, length, seed and rate with other overrides."""
-        names = {"variant": member.variant, "length": member.length, "seed": member.seed, "rate": member.rate}
+        origin = {"setup": " ".join(member.overrides), "experiment": EXPERIMENT}
+        row = pd.DataFrame([member.key | values | origin])
         with self._lock:
-            is_old = [tuple(row) == tuple(names.values()) for row in self.rows[KEY].itertuples(index=False)]
-            row = pd.DataFrame([names | values | {"setup": " ".join(member.overrides)}])
-            rows = (
-                pd.concat([self.rows[[not old for old in is_old]], row], ignore_index=True) if len(self.rows) else row
-            )
-            order = rows["variant"].map(list(VARIANTS).index)
-            self.rows = (
-                rows.assign(order=order)
-                .sort_values(["length", "order", "rate", "seed"])
-                .drop(columns="order")
-                .reset_index(drop=True)
-            )
+            others = self.rows[(self.rows[KEY] != list(member.key.values())).any(axis=1)]
+            rows = pd.concat([others, row]) if len(others) else row
+            by_variant = rows["variant"].map(list(VARIANTS).index)
+            ordered = rows.assign(order=by_variant).sort_values(["length", "order", "rate", "seed"], ignore_index=True)
+            self.rows = ordered.drop(columns="order")
             tables.write_table(self.path, self.rows)
 
     def of(self, length: str) -> pd.DataFrame:
@@ -136,8 +140,8 @@ class Results:
 
 
 @dataclass(frozen=True)
-class Trainer:
-    """Trains members, and evaluates them against the truth."""
+class Experiment:
+    """Trains networks, and evaluates them against the truth."""
 
     runs: Path
     results: Results
@@ -172,9 +176,9 @@ def tuning() -> Iterator[Member]:
     return (Member(variant, "short", TUNING_SEED, rate) for variant in VARIANTS for rate in RATES)
 
 
-def members(length: str, results: Results) -> Iterator[Member]:
+def members(length: str, results: Results, n_seeds: int) -> Iterator[Member]:
     """The trainings of one length, seed by seed, so that few seeds of all variants come before many of some."""
-    for seed in SEEDS:
+    for seed in range(n_seeds):
         for variant in VARIANTS:
             rate = results.best_rate(variant)
             assert rate is not None, "rates are chosen first"
@@ -182,7 +186,7 @@ def members(length: str, results: Results) -> Iterator[Member]:
 
 
 def prepare(folder: Path) -> Path:
-    """Simulate light fields and prepare them as a set, if that is not done."""
+    """The set of light fields to learn from, simulated and decoded if there is none."""
     lfref = [sys.executable, "-m", "lfref.cli.main"]
     if not (folder / "set" / "fields.json").exists():
         size = f"scene.camera.size=[{SIZE},{SIZE}]"
@@ -285,23 +289,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="The paper's choices, against the truth.")
     parser.add_argument("overrides", nargs="*", help="of lfref train, with --runs elsewhere")
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks, and of results if not the default")
-    parser.add_argument("--scenes", nargs="+", default=list(SCENES), help="of sim30, for the evaluation")
+    parser.add_argument("--scenes", nargs="+", default=list(SCENES), help="of sim30, with --runs elsewhere")
     parser.add_argument("--processes", type=int, default=2, help="trainings side by side, of one thread each")
-    parser.add_argument("--seeds", type=int, default=len(SEEDS), help="how many; more can be added later")
+    parser.add_argument("--seeds", type=int, default=N_SEEDS, help="how many; more can be added later")
     parser.add_argument(
         "--size", nargs=2, type=int, default=(375, 540), help="height and width of the light field for the times"
     )
     options = parser.parse_args()
     runs = options.runs.resolve()
     is_ours = runs == RUNS
+    if is_ours and (options.overrides or options.scenes != list(SCENES)):
+        parser.error("other overrides and scenes need --runs elsewhere: they would mix with the results of the page")
     results = Results(RESULTS if is_ours else runs / "ablations.csv")
     data = ["data=folder", f"data.path={prepare(runs / 'data')}", "data.workers=0"]
     torch.set_num_threads(1)
-    trainer = Trainer(runs, results, list(experiments.cases(options.scenes, PLANES)), [*data, *options.overrides])
-    trainer.run(tuning(), options.processes, "rates")
+    cases = list(experiments.cases(options.scenes, PLANES))
+    experiment = Experiment(runs, results, cases, [*data, *options.overrides])
+    experiment.run(tuning(), options.processes, "rates")
     for length in LENGTHS:
-        chosen = [member for member in members(length, results) if member.seed < options.seeds]
-        trainer.run(chosen, options.processes, length)
+        experiment.run(members(length, results, options.seeds), options.processes, length)
     lines = "\n".join(table(results, costs(tuple(options.size))))
     if is_ours:
         markers.fill({"ablations": lines})

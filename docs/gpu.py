@@ -1,8 +1,9 @@
 """What needs a GPU, in steps of at most ten minutes: tests, benches, and the paper's network at full size.
 
 Run by `make gpu`, which does what is left, within `--minutes` in all. A step that has ended leaves its results in
-`runs/gpu/STEP` and the file `done` in it; a training that was stopped goes on from its checkpoint, any other begins
-anew. `docs/gpu.py --cpu` tries all steps on a processor, with a small network and small pictures.
+`runs/gpu/STEP` and the file `done` in it. A training that was stopped goes on from its checkpoint. Any other step
+begins anew; one that was stopped or failed before comes last, so that others do not wait for it. `docs/gpu.py --cpu`
+tries all steps on a processor, with a small network and small pictures.
 """
 
 import argparse
@@ -10,8 +11,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import markers
 import torch
@@ -31,80 +33,115 @@ class Size:
 
     device: str
     fields: int
-    """Simulated light fields of the set that the network learns from."""
+    """Simulated light fields of the set that the networks learn from."""
     pixels: str
     """Height and width of their views."""
-    bench: tuple[str, ...]
-    """Overrides of all benches."""
     train: tuple[str, ...]
     """Overrides of all trainings."""
     tests: tuple[str, ...]
     """Tests that use a GPU where there is one."""
+    bench: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Overrides of the benches, by their group."""
 
 
-TESTS = ("tests/refocus", "tests/engines", "tests/simulator", "tests/data", "tests/bench")
 FULL = Size(
     device="cuda",
     fields=200,
     pixels="[375,540]",
-    bench=(),
-    train=("experiment=paper_shift_and_sum", "trainer=gpu", "trainer.precision=bf16-mixed", "scheduler=cosine"),
-    tests=TESTS,
+    train=("trainer=gpu", "trainer.precision=bf16-mixed"),
+    tests=("tests/refocus", "tests/engines", "tests/simulator", "tests/data", "tests/bench"),
 )
 """On a GPU: the paper's network, crops and batches."""
+SMALL = ("scene.camera.size=[96,96]", "repeats=1")
 TRIAL = Size(
     device="cpu",
     fields=3,
     pixels="[96,96]",
-    bench=("scene.camera.size=[96,96]", "repeats=1"),
     train=("net=refnet_small", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=8", "data.patch=32"),
     tests=("tests/refocus/shift/test_shift_triton.py",),
+    bench={
+        "data": (*SMALL, "n_batches=2", "n_simulated=1", "n_steps=1", "patch=32", "n_stored=1"),
+        "engines": (*SMALL, "engines=[eager]"),
+        "operators": SMALL,
+        "simulate": SMALL,
+    },
 )
 """On a processor, to try the steps."""
 
 
-def steps(size: Size, epochs: int) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Name of each step, also of its folder, and its command."""
-    # A compiled loop or an engine that is wrong on this GPU should be known before anything is measured.
-    yield "tests", (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *size.tests)
-    for group in ("engines", "operators", "stability", "data", "simulate", "front"):
-        yield f"bench_{group}", (*LFREF, "bench", f"group={group}", f"device={size.device}", *_bench(size, group))
-    yield "training_speed", (sys.executable, str(markers.ROOT / "docs" / "training_speed.py"))
-    simulated = (f"n_fields={size.fields}", f"scene.camera.size={size.pixels}", "outputs=[views]")
-    yield "fields", (*LFREF, "simulate", *simulated, f"device={size.device}")
-    captures, folder = RUNS / "fields", RUNS / "set"
-    yield "prepare", (*LFREF, "prepare", str(captures), "set=captures", f"set_folder={folder}")
+@dataclass(frozen=True)
+class Step:
+    """A part of the work."""
+
+    name: str
+    """Name of the step, and of its run folder."""
+    command: tuple[str, ...]
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return RUNS / self.name
+
+    @property
+    def resumes(self) -> bool:
+        """Whether the command goes on where it was stopped."""
+        return "resume=auto" in self.command
+
+    @property
+    def log(self) -> Path:
+        """The output of all runs of the command."""
+        return RUNS / f"{self.name}.log"
+
+    @property
+    def tried(self) -> Path:
+        """A file that exists if the step was run before and begins anew."""
+        return RUNS / f"{self.name}.tried"
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the step has ended well."""
+        return (self.folder / "done").exists()
+
+
+def steps(size: Size, epochs: int) -> Iterator[Step]:
+    """All steps in their order."""
+    on_device = f"device={size.device}"
+    # An operator or an engine that is wrong on this GPU should be known before anything is measured.
+    yield Step("tests", (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *size.tests))
+    for group in size.bench or ("engines", "operators", "stability", "data", "simulate", "front"):
+        yield Step(f"bench_{group}", (*LFREF, "bench", f"group={group}", on_device, *size.bench.get(group, ())))
+    yield Step("training_speed", (sys.executable, str(markers.ROOT / "docs" / "training_speed.py")))
+    camera = f"scene.camera.size={size.pixels}"
+    yield Step("fields", (*LFREF, "simulate", f"n_fields={size.fields}", camera, "outputs=[views]", on_device))
+    captures, prepared = RUNS / "fields", RUNS / "set"
+    # The paper learns from samples as files hold them (`reader.encoding` of its experiments).
+    words = ("set=captures", f"set_folder={prepared}", "reader.encoding=none")
+    yield Step("prepare", (*LFREF, "prepare", str(captures), *words))
     for label in LABELS:
-        rendered = ("data=simulated", f"data.n_fields={size.fields}", f"scene.camera.size={size.pixels}")
-        data = rendered if label == "rendered" else ("data=folder", f"data.path={folder}")
-        words = (f"label={label}", *data, *size.train, f"trainer.max_epochs={epochs}", "resume=auto")
-        yield f"train_{label}", (*LFREF, "train", *words)
-    networks = ",".join(str(RUNS / f"train_{label}") for label in LABELS[:2])
-    operators = ("+method@methods.shift_and_sum=shift_and_sum", f"checkpoint=[{networks}]")
-    yield "eval", (*LFREF, "eval", str(captures), *operators, "shard=1/20", f"device={size.device}")
+        rendered = ("data=simulated", f"data.n_fields={size.fields}", camera)
+        data = rendered if label == "rendered" else ("data=folder", f"data.path={prepared}")
+        words = ("experiment=paper_shift_and_sum", f"label={label}", *data, "scheduler=cosine", *size.train)
+        yield Step(f"train_{label}", (*LFREF, "train", *words, f"trainer.max_epochs={epochs}", "resume=auto"))
+    # The network that learned from rendered labels works in linear light, which one evaluation cannot mix.
+    for name, networks in {"eval": LABELS[:2], "eval_rendered": LABELS[2:]}.items():
+        checkpoints = ",".join(str(RUNS / f"train_{label}") for label in networks)
+        methods = (f"checkpoint=[{checkpoints}]", "+method@methods.shift_and_sum=shift_and_sum")
+        yield Step(name, (*LFREF, "eval", str(captures), *methods, "shard=1/20", on_device))
 
 
-def _bench(size: Size, group: str) -> tuple[str, ...]:
-    if size is FULL:
-        return ()
-    by_group = {
-        "data": ("n_batches=2", "n_simulated=1", "n_steps=1", "patch=32", "n_stored=1"),
-        "engines": ("net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=8"),
-    }
-    return (*size.bench, *by_group.get(group, ()))
-
-
-def run(name: str, command: tuple[str, ...], limit_s: float) -> str:
+def run(step: Step, limit_s: float) -> str:
     """Run a step within a time limit.
 
     Returns:
-        `done`, `stopped` at the limit, or `failed`; the output is in `runs/gpu/STEP.log`.
+        `done`, `stopped` at the limit, or `failed`.
     """
-    folder = RUNS / name
-    if "lfref.cli.main" in command:
-        command = (*command, f"output={folder}", *(() if "resume=auto" in command else ("overwrite=true",)))
+    command = step.command
+    if command[: len(LFREF)] == LFREF:
+        command = (*command, f"output={step.folder}", *(() if step.resumes else ("overwrite=true",)))
     RUNS.mkdir(parents=True, exist_ok=True)
-    with (RUNS / f"{name}.log").open("a") as log:
+    if not step.resumes:
+        step.tried.touch()
+    with step.log.open("a") as log:
         process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, cwd=markers.ROOT)
         try:
             status = process.wait(limit_s)
@@ -118,8 +155,8 @@ def run(name: str, command: tuple[str, ...], limit_s: float) -> str:
             return "stopped"
     if status:
         return "failed"
-    folder.mkdir(exist_ok=True)
-    (folder / "done").touch()
+    step.folder.mkdir(exist_ok=True)
+    (step.folder / "done").touch()
     return "done"
 
 
@@ -135,18 +172,19 @@ def main() -> None:
     if size is FULL and not torch.cuda.is_available():
         raise SystemExit("no GPU here: make gpu needs one; docs/gpu.py --cpu tries its steps on a processor")
     end, failed = time.monotonic() + 60 * options.minutes, []
-    for name, command in steps(size, options.epochs):
-        if (RUNS / name / "done").exists() or (options.only and name not in options.only):
+    chosen = [step for step in steps(size, options.epochs) if not options.only or step.name in options.only]
+    for step in sorted(chosen, key=lambda step: step.tried.exists()):
+        if step.is_done:
             continue
         if (left_s := end - time.monotonic() - GRACE_S) <= 0:
             print("time is up; the same command goes on")
             break
         start = time.monotonic()
-        result = run(name, command, min(left_s, STEP_S))
-        print(f"{name}: {result} after {time.monotonic() - start:.0f} s", flush=True)
+        result = run(step, min(left_s, STEP_S))
+        print(f"{step.name}: {result} after {time.monotonic() - start:.0f} s", flush=True)
         if result == "failed":
-            failed.append(name)
-            print(*(RUNS / f"{name}.log").read_text().splitlines()[-5:], sep="\n")
+            failed.append(step.name)
+            print(*step.log.read_text().splitlines()[-5:], sep="\n")
     raise SystemExit(1 if failed else 0)
 
 

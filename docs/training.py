@@ -32,15 +32,14 @@ def train(wanted: Mapping[Path, Sequence[str]]) -> dict[Path, str]:
     Raises:
         SystemExit: Another run lies in a folder.
     """
-    left = {folder: overrides for folder, overrides in wanted.items() if not is_done(folder, overrides)}
+    left = {folder: overrides for folder, overrides in wanted.items() if not _is_done(folder, overrides)}
     print(f"{len(wanted) - len(left)} of {len(wanted)} networks are trained")
     with ThreadPoolExecutor(os.cpu_count()) as processors:
         errors = track(processors.map(train_one, left.keys(), left.values()), description="training", total=len(left))
         return {folder: error for folder, error in zip(left, errors, strict=True) if error}
 
 
-def is_done(folder: Path, overrides: Iterable[str]) -> bool:
-    """Whether the run in a folder is finished; SystemExit if it is another run."""
+def _is_done(folder: Path, overrides: Iterable[str]) -> bool:
     run = Run(folder)
     if not run.has_checkpoints:
         return False
@@ -55,7 +54,7 @@ def _setup(overrides: Iterable[str]) -> set[str]:
 
 def train_one(folder: Path, overrides: Sequence[str]) -> str:
     """Train one network unless it is trained; returns the end of its error output if it fails."""
-    if is_done(folder, overrides):
+    if _is_done(folder, overrides):
         return ""
     if Run(folder).has_checkpoints:
         words = [f"resume={folder}"]

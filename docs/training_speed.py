@@ -88,7 +88,7 @@ def table() -> Iterator[str]:
     yield ""
     yield f"Loss, gradients and optimiser on {BATCH} crops of {PATCH} pixels of 7x7 views, the paper's planes, median"
     yield f"of {ROUNDS} rounds taken in turns. Device: {rows['device'].iloc[0]}, {facts['threads']} threads,"
-    yield f"{facts['processor']}, torch {facts['torch']}."
+    yield f"{facts['processor']}, torch {facts['torch']}. `python docs/training_speed.py`, on a GPU if there is one"
 
 
 TABLES = {"training_speed": table}

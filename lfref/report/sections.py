@@ -98,7 +98,7 @@ def training(folder: Path) -> Section:
 
 
 def evaluation(folder: Path) -> Section:
-    """The paper's scatter and comparison, and the means over all light fields; shards of a multirun are joined."""
+    """The paper's scatter and comparison, and the means over all light fields; the jobs of a multirun are joined."""
     parts = [folder] if (folder / SUMMARY).is_file() else sorted(path.parent for path in folder.glob(f"*/{SUMMARY}"))
     summary, planes = (
         pd.concat([tables.read_table(part / name) for part in parts], ignore_index=True) for name in (SUMMARY, PLANES)
@@ -108,9 +108,9 @@ def evaluation(folder: Path) -> Section:
         "sources that a network can be trained on. PSNR is capped at 100 dB."
     )
     if parts != [folder]:
-        _check_shards(folder, summary)
+        _check_no_overlap(folder, summary)
         missing = sorted(path.parent.name for path in folder.glob(f"*/{CONFIG}") if path.parent not in parts)
-        text += f" Shards joined: {len(parts)}" + (f"; without a result: {', '.join(missing)}." if missing else ".")
+        text += f" Jobs joined: {len(parts)}" + (f"; without a result: {', '.join(missing)}." if missing else ".")
     figures = {
         "MPSNR against MSSIM, one point per light field": plots.scatter(summary),
         "Quality by plane": plots.quality_by_plane(planes),
@@ -124,14 +124,14 @@ def evaluation(folder: Path) -> Section:
     return Section("Evaluation", text, {**figures, **comparisons}, shown, files=files)
 
 
-def _check_shards(folder: Path, summary: pd.DataFrame) -> None:
-    """Raise an `InputError` where two shards have evaluated the same method on the same light field."""
+def _check_no_overlap(folder: Path, summary: pd.DataFrame) -> None:
+    """Raise an `InputError` if two jobs have evaluated the same method on the same light field."""
     keys = ["light_field", "method", "reference"]
     tables.require(summary, *keys)
     if (twice := summary.duplicated(keys)).any():
         field, method, _ = summary.loc[twice, keys].iloc[0]
         raise InputError(
-            f"each shard in {folder} must have light fields of its own",
+            f"the jobs in {folder} must not evaluate the same method on the same light field",
             got=f"{field} by {method} in two of them",
             remedy="delete the folder of one of these jobs",
         )

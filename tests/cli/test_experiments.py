@@ -18,7 +18,7 @@ from tests.cli.conftest import TINY, TINY_DATA
 from tests.conftest import ROOT
 
 sys.path.append(str(ROOT / "docs"))
-ablations, paper, training = (importlib.import_module(name) for name in ("ablations", "paper", "training"))
+ablations, gpu, paper, training = (importlib.import_module(name) for name in ("ablations", "gpu", "paper", "training"))
 
 FAST = (
     "trainer.fast_dev_run=1",
@@ -122,9 +122,37 @@ def test_every_variant_of_the_page_on_ablations_passes_a_fast_dev_run(composed, 
 def test_every_network_of_the_pages_has_a_folder_of_its_own_and_one_setup():
     assert len(paper.Experiment().overrides_by_run()) == 4 * 3
     members = [*ablations.tuning(), *(ablations.Member(variant, length, seed, 0.002) for variant in ablations.VARIANTS
-               for length in ablations.LENGTHS for seed in ablations.SEEDS)]  # fmt: skip
+               for length in ablations.LENGTHS for seed in range(ablations.N_SEEDS))]  # fmt: skip
     assert len({member.folder(ablations.RUNS) for member in members}) == len(members)
     assert len({" ".join(member.overrides) for member in members}) == len(members)
+
+
+@pytest.mark.parametrize("size", [gpu.FULL, gpu.TRIAL], ids=["full", "trial"])
+def test_every_command_of_the_steps_on_a_gpu_composes(composed, size):
+    for step in gpu.steps(size, epochs=2):
+        if step.command[: len(gpu.LFREF)] == gpu.LFREF:
+            command, *words = step.command[len(gpu.LFREF) :]
+            given = [word for word in words if not word.startswith(str(gpu.RUNS))]  # inputs without a name
+            assert composed(command, *given).folder
+
+
+@pytest.mark.slow
+def test_a_step_that_was_stopped_does_not_keep_the_others_waiting(tmp_path, monkeypatch, capsys):
+    def python(code):
+        return sys.executable, "-c", code
+
+    steps = [gpu.Step("slow", python("import time; time.sleep(60)")), gpu.Step("quick", python("print(1)"))]
+    monkeypatch.setattr(gpu, "RUNS", tmp_path)
+    monkeypatch.setattr(gpu, "steps", lambda size, epochs: iter([*steps, gpu.Step("wrong", python("print(2 / 0)"))]))
+    monkeypatch.setattr(gpu, "STEP_S", 5)
+    monkeypatch.setattr(sys, "argv", ["gpu.py", "--cpu"])
+    for expected in (["slow: stopped", "quick: done", "wrong: failed"], ["slow: stopped", "wrong: failed"]):
+        with pytest.raises(SystemExit) as end:
+            gpu.main()
+        assert end.value.code == 1
+        lines = [line for line in capsys.readouterr().out.splitlines() if " after " in line]
+        assert [line.startswith(start) for line, start in zip(lines, expected, strict=True)] == [True] * len(expected)
+    assert "ZeroDivisionError" in (tmp_path / "wrong.log").read_text()
 
 
 @pytest.fixture
@@ -161,6 +189,29 @@ def test_results_are_kept_and_not_trained_again(results):
     again.add(member, {"val_mpsnr_db": 2})
     assert len(again.rows) == n_rows
     assert ablations.Results(results.path).has(member)
+
+
+def test_results_by_another_truth_do_not_count(results, monkeypatch):
+    monkeypatch.setattr(ablations, "EXPERIMENT", "180 fields of 128 px, sim30 of another version")
+    again = ablations.Results(results.path)
+    assert not again.has(ablations.Member("relu", "short", 1, 0.0006))
+    assert again.best_rate("relu") is None
+
+
+def test_the_results_of_the_page_are_of_one_experiment_and_its_variants():
+    rows = tables.read_table(ablations.RESULTS).astype({"seed": int})
+    assert rows["experiment"].nunique() == 1
+    for row in rows.to_dict("records"):
+        member = ablations.Member(*(row[name] for name in ablations.KEY))
+        assert row["setup"] == " ".join(member.overrides)
+
+
+@pytest.mark.parametrize("words", [["net.activation=silu"], ["--scenes", "twigs"]])
+def test_other_setups_cannot_mix_with_the_results_of_the_page(monkeypatch, capsys, words):
+    monkeypatch.setattr(sys, "argv", ["ablations.py", *words])
+    with pytest.raises(SystemExit):
+        ablations.main()
+    assert "need --runs elsewhere" in capsys.readouterr().err
 
 
 def test_the_table_of_ablations_has_paired_intervals(results, monkeypatch):

@@ -216,7 +216,7 @@ def test_the_shards_of_an_evaluation_are_joined(evaluation, shards):
             table.sort_values(keys, ignore_index=True), own.sort_values(keys, ignore_index=True)
         )
     assert sorted(joined.files) == ["planes.csv", "summary.csv"]
-    assert joined.text.endswith("Shards joined: 2; without a result: 2.")
+    assert joined.text.endswith("Jobs joined: 2; without a result: 2.")
     assert joined.figures["Comparison on a"] == shards / "0" / "comparison" / "a.png"
 
 
@@ -224,7 +224,7 @@ def test_light_fields_that_two_shards_have_are_refused(shards):
     for name in ("planes.csv", "summary.csv"):
         (shards / "1" / name).write_bytes((shards / "0" / name).read_bytes())
     (section,) = sections.sections([shards])
-    assert "each shard in" in section.problem
+    assert "must not evaluate the same method on the same light field" in section.problem
     assert "got a by net in two of them" in section.problem
 
 
