@@ -50,14 +50,15 @@ class BlackViewsDefect:
 
     def corrected(self, field: LightField) -> LightField:
         """The same views, weight 0 where they are black."""
-        n_rows, n_columns, _, height, width = field.views.shape
-        weight = field.views.new_ones(n_rows, n_columns, 1, height, width) if field.weight is None else field.weight
-        weight = weight.clone()
+        shape = (*field.grid, 1, *field.size)
+        # Without corners the samples of a view share one weight in memory.
+        own = (*field.grid, 1, 1, 1) if self.corners is None else shape
+        weight = field.views.new_ones(own) if field.weight is None else field.weight.clone()
         if self.corners is not None:
             weight.masked_fill_(self.corners.to(weight.device), 0)
         for v, u in self.views:
             weight[v, u] = 0
-        return dataclasses.replace(field, weight=weight)
+        return dataclasses.replace(field, weight=weight.expand(shape))
 
 
 def find(field: LightField) -> BlackViewsDefect:

@@ -37,14 +37,14 @@ from lfref.report.refocused import brightening
 
 MUCH_MEMORY = 4e9
 """Bytes from which a command warns before it takes them: half of what a common laptop has."""
-PROGRAM = 0.63e9
-"""Bytes that libraries, compiled loops and filters take beside the light field."""
-CORRECTING, REFOCUSING, COMPARING = 3.0, 2.0, 2.9
+PROGRAM = 1.0e9
+"""Bytes that libraries, compiled loops, filters and what is computed of each plane take beside the light field."""
+CORRECTING, REFOCUSING, COMPARING = 2.2, 1.5, 1.8
 """Largest number of copies of the views that a capture needs while it is corrected, refocused by a method that sums
 views, and by one that compares them. `PROGRAM` and the last are the line through the peaks (ru_maxrss) of `lfref view`,
-less its stacks, of 7x7 and 14x14 views of 375x540 pixels with black corners, whose views are filled: 1.10 and 2.14 GB.
-Views without weights take less (14x14: 1.60 GB). The others are upper bounds: correcting the 14x14 views took 1.93 GB,
-and summing them without correction 1.26 GB."""
+less its stacks, of 7x7 and 14x14 views of 375x540 pixels with black corners, whose views are filled: 1.21 and 1.83 GB.
+Views without weights take less. The others are upper bounds: correcting the 14x14 views took 1.93 GB, and summing them
+without correction 1.26 GB."""
 LENSLET_SIDE = 3000
 """Shorter side, in pixels, from which a picture in a folder may be a lenslet image (the smallest ESLF has 5250)."""
 
@@ -141,6 +141,7 @@ def read_field(
             raise InputError(f"{network.name} reads {network.grid} views", got=error) from error
     if missing := field.metadata.get("missing"):
         log.info("%s: %s are missing and have weight 0", field.name, missing)
+    memory.release_for(field.views)
     return field
 
 

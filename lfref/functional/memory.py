@@ -24,6 +24,15 @@ def trim() -> None:
         give_back(0)
 
 
+def release_for(views: Tensor) -> None:
+    """Let the C library give blocks back as soon as they are freed, where it can (glibc), if views are `LARGE`.
+
+    It keeps blocks as large as any that was freed before, up to 32 MB: with large views these add up.
+    """
+    if views.numel() >= LARGE and (set_option := _function("mallopt")) is not None:
+        set_option(LEAST_MAPPED, 2**20)
+
+
 @functools.cache
 def keep() -> None:
     """Let the C library keep freed memory for the next request of any thread, where it can (glibc).
@@ -36,7 +45,9 @@ def keep() -> None:
             set_option(option, value)
 
 
-KEEPING = {-3: 2**30, -1: 2**31 - 1, -8: 1}
+LEAST_MAPPED = -3
+"""Option of glibc's `mallopt`: least block that is mapped on its own, and given back at once, in bytes."""
+KEEPING = {LEAST_MAPPED: 2**30, -1: 2**31 - 1, -8: 1}
 """Options of glibc's `mallopt`: least block that is mapped on its own, and least free memory that is given back, in
 bytes; number of arenas, of which those of threads cannot hold such blocks."""
 

@@ -55,8 +55,8 @@ FLOOR = 0.05
 """Least power of a pixel, of the mean: what is smooth has hardly any disparity."""
 MOST_DISPARITIES = 1024
 """Largest number of disparities that the priors of a field have: beyond it their distance grows."""
-BLOCKS_AT_ONCE, ITEMS_AT_ONCE = 1024, 32
-"""Blocks whose filters are solved for together, and items that PyTorch filters together."""
+FILTERS_AT_ONCE, ITEMS_AT_ONCE = 3584, 32
+"""Blocks times views of an axis whose filters are solved for together, and items that PyTorch filters together."""
 
 
 class Priors(NamedTuple):
@@ -128,7 +128,8 @@ def refocus_by_blocks(
         [axis_filters.tables(spectrum, priors.disparities, planes, weights, PERIOD) for weights in of_axis]
         for _, of_axis in axes
     ]
-    for blocks in (nearness > 0).any(0).nonzero()[:, 0].split(BLOCKS_AT_ONCE):
+    n_at_once = max(1, FILTERS_AT_ONCE // max(lengths))
+    for blocks in (nearness > 0).any(0).nonzero()[:, 0].split(n_at_once):
         # Block by block: its views stay in the processor's caches.
         b, n = (nearness[:, blocks] > 0).T.nonzero(as_tuple=True)
         # Taps lie around the middle of all that is read: pixels in focus, and those at the disparities of the block.

@@ -98,6 +98,7 @@ def occlusion_aware_parts(
             joint = wiener(field, planes, prior_of_map(disparity)._replace(noise=noise), aperture)
             everywhere = everywhere + near * (joint - everywhere)
         blocks = block_filters.refocus_by_blocks(field, planes, disparity, prior, aperture, noise)
+        memory.trim_for(field)
         stack = everywhere + blocks.nearness * (blocks.stack - everywhere)
         stack = _median_at_whole_slopes(stack, everywhere, field, planes, aperture)
         if is_wide:

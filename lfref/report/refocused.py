@@ -154,10 +154,11 @@ class Refocused:
         if self.field.grid == (1, 1):
             return all_in_focus(self.shown[self.by_slope]).image
         views, weight = self.field.views, self.field.weight
+        is_whole = weight is None or filling.view_weights(weight) is not None
 
         def whole(channels: Tensor) -> Tensor:
-            # Samples without weight differ from view to view, and would leave a dark rim.
-            if weight is None:
+            # Pixels whose samples have weight in some views only would leave a dark rim.
+            if weight is None or is_whole:
                 return channels
             full = filling.filled(channels, weight.to(channels))
             return filling.extended(full, filling.trusted(weight), in_place=full is not channels)

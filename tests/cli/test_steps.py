@@ -265,7 +265,7 @@ def large(side, n_views):
 
 def test_a_light_field_that_needs_much_memory_is_named_with_the_option_that_halves_it(settings, caplog):
     steps.warn_of_memory(large(1500, 9), AutoPlanes(16), [SHIFTS], settings("correct=none"))
-    assert caplog.messages == ["large will take about 5.9 GB of memory; reader.views=6 takes half of it"]
+    assert caplog.messages == ["large will take about 5.1 GB of memory; reader.views=6 takes half of it"]
     caplog.clear()
     steps.warn_of_memory(large(1500, 5), even_planes(64), [SHIFTS], settings("correct=none"))
     assert "planes.n=32 takes half of it" in caplog.text

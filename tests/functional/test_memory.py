@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -27,6 +28,28 @@ def test_memory_that_is_kept_causes_few_page_faults():
         return int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
     assert faults(True) < 0.6 * faults(False)
+
+
+HELD = """
+import resource, torch
+from pathlib import Path
+from lfref.functional import memory
+del (first := [torch.ones(2**22)])[:]  # 16 MB: from now on the library keeps blocks of this size
+if {releases}:
+    memory.release_for(torch.empty(memory.LARGE))
+blocks = [torch.ones(2**20) for _ in range(50)]  # 4 MB each
+del blocks[:-1]
+print(int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize())
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists() or memory._function("mallopt") is None, reason="needs glibc")
+def test_blocks_are_given_back_although_a_later_one_is_in_use():
+    def held(releases):
+        command = [sys.executable, "-c", HELD.format(releases=releases)]
+        return int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+    assert held(True) < held(False) - 40 * 4e6
 
 
 def test_a_c_library_without_a_function_is_no_error():

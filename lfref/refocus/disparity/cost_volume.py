@@ -100,7 +100,8 @@ def details(views: GreyViews, slopes: Tensor) -> GreyViews:
     Roots weigh texture in shadows like texture in the light. Edges shrink but stay sharp: a plain high-pass filter
     would carry them into their neighbourhood. In noise beyond `CONTRAST` there is no finer texture to prefer.
     """
-    roots = views._replace(samples=np.sqrt(views.samples.clip(min=0)))
+    samples = views.samples.clip(min=0)
+    roots = views._replace(samples=np.sqrt(samples, out=samples))
     least = (CONTRAST * float(roots.samples.mean())) ** 2
     share = SHADING * least / max(least + noise(roots, slopes) ** 2, torch.finfo(torch.float32).tiny)
     for root in torch.from_numpy(roots.samples):  # view by view: the filter takes some copies
