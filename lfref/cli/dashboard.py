@@ -15,7 +15,7 @@ import wandb_workspaces.reports.v2 as wr
 import wandb_workspaces.workspaces as ws
 from omegaconf import DictConfig
 
-from lfref.cli import arguments
+from lfref.cli import arguments, loggers
 from lfref.cli import config as configs
 from lfref.cli.command import command, log
 from lfref.cli.steps import fixed_planes
@@ -143,6 +143,16 @@ def report(shown: Dashboard) -> wr.Report:
         wr.H1("Worst and best patches"),
         wr.P("Of the last validations, the worst on the left, the best on the right: label, prediction, error."),
         _grid(trained, [_pictures([PICTURE], "worst and best patch")], per_row=1),
+        wr.H1("Evaluations"),
+        wr.P("Tables and pictures of `lfref eval logger=wandb`: methods against the sources of labels."),
+        _grid(
+            _runs(shown._replace(sweep=None), "eval", is_grouped=False),  # evaluations belong to no sweep of trainings
+            [
+                *(wr.WeavePanelSummaryTable(table_name=name) for name in (loggers.SUMMARY, loggers.PLANES)),
+                *(_pictures([name], name) for name in (loggers.SCATTER, loggers.QUALITY_BY_PLANE)),
+                _pictures([loggers.COMPARISON], loggers.COMPARISON),
+            ],
+        ),
     ]
     return wr.Report(entity=shown.entity, project=shown.project, title=shown.name, blocks=blocks, width="fluid")
 

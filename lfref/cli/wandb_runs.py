@@ -1,6 +1,6 @@
 """Runs in Weights & Biases: one for each training, also across a resume; sweeps as groups; checkpoints as artifacts.
 
-The module stands apart from `train`, since configurations name its class.
+The module stands apart from `loggers`, since configurations name its class.
 """
 
 import re
@@ -47,17 +47,18 @@ class WandbLogger(loggers.WandbLogger):
         self.experiment.log_artifact(artifact, aliases=[path.stem if path.stem in ("best", "last") else "latest"])
 
 
-def options(logger: DictConfig, config: DictConfig) -> dict[str, Any]:
+def options(logger: DictConfig, config: DictConfig, job_type: str = "train") -> dict[str, Any]:
     """What a logger of wandb gets beside its own settings: id, group, name, kind and tags of its run.
 
     Args:
         logger: The logger's settings, which go before these, except that tags are added.
-        config: `conf/train.yaml`.
+        config: The configuration of the command.
+        job_type: Kind of the run: the command.
     """
     own = {key: value for key, value in logger.items() if value is not None}
     choices = HydraConfig.get().runtime.choices if HydraConfig.initialized() else {}
     tags = [str(choices[group])[:LONGEST_TAG] for group in TAGS if choices.get(group)]
-    known = {"job_type": "train", "name": _name(), "group": _group(), "id": _kept_id(config)}
+    known = {"job_type": job_type, "name": _name(), "group": _group(), "id": _kept_id(config)}
     if "version" in own:  # Lightning's other name of the id
         del known["id"]
     return {
@@ -79,7 +80,8 @@ def keep_id(logger: Any, folder: Path) -> None:
 def _kept_id(config: DictConfig) -> str | None:
     """The id of the run that goes on in this folder; a run that is continued in another folder gets a new one."""
     path = Path(config.folder) / ID
-    is_resumed = config.resume is not None and Run.of(config.resume).folder == Path(config.folder).absolute()
+    resumed = config.get("resume")
+    is_resumed = resumed is not None and Run.of(resumed).folder == Path(config.folder).absolute()
     if not (is_resumed and path.is_file()):
         return None
     with atomic.file_errors(path, "read"):

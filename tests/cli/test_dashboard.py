@@ -6,6 +6,7 @@ import json
 import pytest
 import wandb
 
+from lfref.cli import loggers
 from tests.cli import wandb_files
 from tests.cli.conftest import TINY
 
@@ -45,6 +46,10 @@ def panels(part):
     return [part] if "viewType" in part else panels(list(part.values()))
 
 
+def is_of_evaluation(panel):
+    return "eval/" in json.dumps(panel)
+
+
 def named(panel):
     """Names of logged values, and of options, which a panel shows."""
     config = panel["config"]
@@ -74,7 +79,7 @@ def test_every_panel_shows_what_a_training_logs(lfref, specification, tmp_path):
     logged = {name.removesuffix("/filenames") for row in wandb_files.history_of(file) for name in row}
     config = wandb_files.config_of(file)
     for part in specification().values():
-        shown = [named(panel) for panel in panels(part)]
+        shown = [named(panel) for panel in panels(part) if not is_of_evaluation(panel)]
         assert len(shown) > 5
         for names, options in shown:
             assert names | options
@@ -120,6 +125,22 @@ def test_a_report_compares_the_options_that_are_given(specification):
         ("config:net.value.activation", False),
         ("config:optimizer.value.lr", True),
     ]
+
+
+def test_a_report_shows_the_tables_and_pictures_of_evaluations(specification):
+    page = specification("sweep_name=my_sweep")["report"]
+    (grid,) = [block for block in page["spec"]["blocks"] if any(map(is_of_evaluation, panels(block)))]
+    (runs,) = grid["metadata"]["runSets"]
+    assert [(entry["key"]["name"], entry["value"]) for entry in runs["filters"]["filters"]] == [("jobType", "eval")]
+    shown = panels(grid)
+    tables = [
+        panel["config"]["panel2Config"]["exp"]["fromOp"]["inputs"]["key"]["val"]
+        for panel in shown
+        if panel["viewType"] == "Weave"
+    ]
+    assert tables == [loggers.SUMMARY, loggers.PLANES]
+    pictures = [name for panel in shown for name in panel["config"].get("mediaKeys", ())]
+    assert pictures == [loggers.SCATTER, loggers.QUALITY_BY_PLANE, loggers.COMPARISON]
 
 
 def test_options_are_by_default_those_of_the_sweeps_that_ship(specification):

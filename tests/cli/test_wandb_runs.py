@@ -13,7 +13,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from omegaconf import OmegaConf
 
 import lfref as package
-from lfref.cli import train, wandb_runs
+from lfref.cli import loggers, wandb_runs
 from tests.cli import wandb_files
 from tests.cli.conftest import TINY
 
@@ -44,7 +44,7 @@ def test_a_job_is_a_run_of_its_sweep_and_a_resumed_one_goes_on_in_it(lfref, swee
         assert (run.project, run.entity, run.notes) == ("lfref", "team", "why")
         assert sorted(run.tags) == ["demo", "mine", "refnet_small", "shift_and_sum"]
         assert run.run_id == (sweep / str(number) / wandb_runs.ID).read_text().strip()
-        assert wandb_files.config_of(file)["code"] == train._code()
+        assert wandb_files.config_of(file)["code"] == loggers.code()
     words = (f"resume={sweep}/0", "trainer.max_epochs=2", "logger=wandb", "logger.wandb.offline=true")
     status, errors = lfref("train", *words)
     assert status == 0, errors
@@ -90,14 +90,14 @@ def test_names_have_no_paths():
 def test_the_code_is_the_commit_of_the_working_directory_or_the_version(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
-    assert train._code() == f"lfref {package.__version__}"
+    assert loggers.code() == f"lfref {package.__version__}"
     identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
     for words in (["init", "-q"], [*identity, "commit", "-q", "--allow-empty", "-m", "first"]):
         subprocess.run(["git", *words], check=True)
     head = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
-    assert train._code() == head
+    assert loggers.code() == head
     monkeypatch.setenv("PATH", "")
-    assert train._code() == f"lfref {package.__version__}"
+    assert loggers.code() == f"lfref {package.__version__}"
 
 
 def artifacts_of(folder):
