@@ -19,7 +19,6 @@ from lfref import __version__, extras
 from lfref.cli import config as configs
 from lfref.cli import wandb_runs
 from lfref.cli.run_folder import is_first_process
-from lfref.errors import InputError
 from lfref.io import images
 from lfref.train.callbacks import log_picture
 
@@ -42,7 +41,7 @@ def started(config: DictConfig, job_type: str, without: tuple[str, ...] = ()) ->
     if "tensorboard" in chosen:  # Lightning would fail later, and say less
         extras.check("tensorboard", "logger=tensorboard")
     built = [(settings, _build(settings, config, job_type)) for settings in chosen.values()]
-    with wandb_errors():
+    with wandb_runs.one_line_errors():
         for settings, logger in built:
             logger.log_hyperparams(configs.plain(config) | {"code": code()})
             if wandb_runs.is_wandb(settings) and is_first_process():
@@ -62,16 +61,6 @@ def running(config: DictConfig, job_type: str, without: tuple[str, ...] = ()) ->
     finally:
         if loggers:
             wandb.finish()  # else the jobs of a multirun share one run
-
-
-@contextlib.contextmanager
-def wandb_errors() -> Iterator[None]:
-    """Turn errors of wandb at the start of a run into one line."""
-    try:
-        yield
-    except wandb.errors.Error as error:
-        remedy = "run wandb login, or set logger.wandb.offline=true"
-        raise InputError("wandb must be able to start a run", got=error, remedy=remedy) from error
 
 
 def log_evaluation(loggers: Iterable[Any], summary: "pd.DataFrame", planes: "pd.DataFrame", folder: Path) -> None:
