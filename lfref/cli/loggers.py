@@ -6,12 +6,13 @@ A logger takes what it can: wandb all, TensorBoard tables as text, the others nu
 import contextlib
 import math
 import subprocess
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 import wandb
+from lightning.pytorch.loggers import TensorBoardLogger
 from omegaconf import DictConfig
 from torch import Tensor
 
@@ -31,8 +32,16 @@ SCATTER, QUALITY_BY_PLANE, COMPARISON = "eval/scatter", "eval/quality_by_plane",
 """Names of its pictures."""
 
 
-def started(config: DictConfig, job_type: str, without: tuple[str, ...] = ()) -> list[Any]:
-    """The configured loggers, except those named in `without`; each has logged the whole configuration.
+def started(
+    config: DictConfig, job_type: str, without: Sequence[str] = (), compared_by: Sequence[str] = ()
+) -> list[Any]:
+    """The configured loggers, each of which has logged the whole configuration.
+
+    Args:
+        config: The configuration of the command.
+        job_type: Kind of the run, for wandb: the command.
+        without: Names of loggers that are left out.
+        compared_by: Metrics beside which TensorBoard shows the options of runs.
 
     Raises:
         InputError: A package is missing, or wandb cannot start a run.
@@ -44,13 +53,17 @@ def started(config: DictConfig, job_type: str, without: tuple[str, ...] = ()) ->
     with wandb_runs.one_line_errors():
         for settings, logger in built:
             logger.log_hyperparams(configs.plain(config) | {"code": code()})
-            if wandb_runs.is_wandb(settings) and is_first_process():
+            if not is_first_process():
+                continue
+            if wandb_runs.is_wandb(settings):
                 wandb_runs.keep_id(logger, Path(config.folder))
+            if compared_by and isinstance(logger, TensorBoardLogger):
+                _log_options(logger, configs.plain(config), compared_by)
     return [logger for _, logger in built]
 
 
 @contextlib.contextmanager
-def running(config: DictConfig, job_type: str, without: tuple[str, ...] = ()) -> Iterator[list[Any]]:
+def running(config: DictConfig, job_type: str, without: Sequence[str] = ()) -> Iterator[list[Any]]:
     """Loggers as of `started`, for a command without a trainer, which would end them."""
     loggers: list[Any] = []
     try:
@@ -91,6 +104,24 @@ def log_table(logger: Any, name: str, table: "pd.DataFrame") -> None:
     elif hasattr(logger.experiment, "add_text"):
         lines = [[*table.columns], ["---"] * len(table.columns), *rows]
         logger.experiment.add_text(name, "\n".join(f"| {' | '.join(map(_text, line))} |" for line in lines))
+
+
+def _log_options(logger: Any, config: Mapping[str, Any], metrics: Sequence[str]) -> None:
+    """Enter options and metrics into TensorBoard's table of runs; Lightning would log a first value of each metric."""
+    from torch.utils.tensorboard.summary import hparams  # needs tensorboard, an extra
+
+    options = {key: value if isinstance(value, bool | int | float) else str(value) for key, value in _leaves(config)}
+    for summary in hparams(options, dict.fromkeys(metrics, 0.0)):
+        logger.experiment._get_file_writer().add_summary(summary)
+
+
+def _leaves(node: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Keys such as `net.activation` with their values."""
+    for key, value in node.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
 
 
 def code() -> str:

@@ -23,7 +23,7 @@ from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.refocuser.networks import SHIPPED
 from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement, TrainingRecord
-from lfref.train.modules import Fitting, cut_log
+from lfref.train.modules import MPSNR_OF_STACK, MSSIM_OF_STACK, Fitting, cut_log
 from lfref.train.stopping import Stopping, one_line_errors
 
 PARALLEL_LAUNCHERS = (
@@ -149,7 +149,7 @@ def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
     chosen = [callback for callback in configs.build(config.callbacks).values() if callback is not None]
     record = TrainingRecord(Path(config.folder) / runs.TRAINING)
     callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, *_trial_reports(), record, stopping]
-    logger = loggers.started(config, "train")
+    logger = loggers.started(config, "train", compared_by=(MPSNR_OF_STACK, MSSIM_OF_STACK))
     devices = _devices(configs.plain(config.trainer))
     plugins = [AtomicCheckpointIO()]
     return configs.build(config.trainer, callbacks=callbacks, logger=logger, plugins=plugins, devices=devices)

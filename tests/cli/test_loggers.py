@@ -9,11 +9,13 @@ import pytest
 import torch
 import wandb
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.plugins.hparams import plugin_data_pb2
 
 from lfref.cli import loggers
 from lfref.io.write import write
 from lfref.lightfield import LightField
 from tests.cli import wandb_files
+from tests.cli.conftest import TINY
 
 WORDS = ("planes=slopes", "planes.slopes=[-1,0.5]", "+method@methods.exact=exact_fourier")
 
@@ -105,6 +107,38 @@ def test_tensorboard_gets_the_tables_as_text_and_the_pictures(evaluated):
     assert lines[0] == f"| {' | '.join(header)} |"
     assert len(lines) == 2 + len(expected)
     assert lines[2].startswith(f"| {' | '.join(expected[0][:3])} | {float(expected[0][3]):.4g} |")
+
+
+@pytest.mark.slow
+def test_tensorboard_gets_what_a_training_logs(lfref, tmp_path):
+    words = (*TINY, "callbacks.progress=null", "callbacks.summary=null", "trainer.max_epochs=2")
+    words += ("logger=tensorboard", "trainer.log_every_n_steps=1")
+    status, errors = lfref("train", *words, "net.activation=gelu", f"output={tmp_path}/run")
+    assert status == 0, errors
+    events = EventAccumulator(str(tmp_path / "run" / "tensorboard"), {"images": 0})
+    events.Reload()
+    with (tmp_path / "run" / "log" / "metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    names = {*rows[0]} - {"step"}
+    assert {"val/mpsnr", "val/mpsnr_plane/alpha_0.125", "train/lr"} <= names
+    assert {*events.Tags()["scalars"]} == names
+    for name in names - {"epoch"}:  # which comes with every call
+        expected = [(int(row["step"]), float(row[name])) for row in rows if row[name]]
+        found = [(event.step, event.value) for event in events.Scalars(name)]
+        np.testing.assert_allclose(found, expected, rtol=1e-5)
+    for event, written in zip(
+        events.Images("val/stack"), sorted((tmp_path / "run" / "pictures").iterdir()), strict=True
+    ):
+        (tmp_path / "shown.png").write_bytes(event.encoded_image_string)
+        # One rounds, the other cuts off.
+        np.testing.assert_allclose(pixels(tmp_path / "shown.png"), pixels(written).astype(int), atol=1)
+    table = events.summary_metadata["_hparams_/session_start_info"].plugin_data.content
+    start = plugin_data_pb2.HParamsPluginData.FromString(table).session_start_info
+    assert start.hparams["net.activation"].string_value == "gelu"
+    assert start.hparams["trainer.max_epochs"].number_value == 2
+    table = events.summary_metadata["_hparams_/experiment"].plugin_data.content
+    experiment = plugin_data_pb2.HParamsPluginData.FromString(table).experiment
+    assert [info.name.tag for info in experiment.metric_infos] == ["val/mpsnr", "val/mssim"]
 
 
 def test_an_evaluation_that_cannot_be_logged_fails_before_the_work(lfref, monkeypatch, tmp_path):
