@@ -179,7 +179,7 @@ def _use(run: Any, name: str, digest: str) -> None:
     """Make an artifact an input of the run, so that wandb shows what was exported; a warning if it is not that."""
     try:
         used = run.use_artifact(name)
-    except (wandb.errors.Error, ValueError) as error:
+    except Exception as error:  # those of wandb's server have no class in common
         reason = f"{first_line(error)}; logger.wandb.log_model=true of lfref train uploads checkpoints"
         log.warning("wandb has no %s, so that the export has no source there: %s", name, reason)
         return

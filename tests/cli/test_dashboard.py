@@ -2,6 +2,13 @@
 
 import importlib
 import json
+import os
+import subprocess
+import sys
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import SimpleNamespace
+from typing import ClassVar
 
 import pytest
 import wandb
@@ -9,6 +16,7 @@ import wandb
 from lfref.cli import loggers
 from tests.cli import wandb_files
 from tests.cli.conftest import TINY
+from tests.conftest import ROOT
 
 pytest.importorskip("wandb_workspaces")
 dashboard = importlib.import_module("lfref.cli.dashboard")
@@ -175,24 +183,78 @@ def test_mistakes_are_refused_in_one_line(lfref, alone, tmp_path, words, message
     assert not (tmp_path / "dashboard" / dashboard.SPECIFICATION).exists()
 
 
-def test_saving_saves_both_and_prints_their_addresses(lfref, alone, monkeypatch, tmp_path):
-    saved = []
-    for kind in (dashboard.wr.Report, dashboard.ws.Workspace):
-        monkeypatch.setattr(kind, "save", lambda self: saved.append(self))
-        monkeypatch.setattr(kind, "url", property(lambda self: f"https://x/{self.entity}/{type(self).__name__}"))
-    status, errors = lfref("dashboard", "entity=team", "save=true", f"output={tmp_path}/dashboard")
-    assert status == 0, errors
-    assert [type(each).__name__ for each in saved] == ["Report", "Workspace"]
+class Server(BaseHTTPRequestHandler):
+    """As much of a wandb server as saving needs, on this machine; keeps the views that it is sent."""
+
+    views: ClassVar[list[dict]] = []
+
+    def do_POST(self):
+        body = self.rfile.read(int(self.headers["content-length"]))
+        try:
+            request = json.loads(body)
+        except ValueError:  # telemetry
+            request = {"query": ""}
+        answer = json.dumps({"data": self.answer(request["query"], request.get("variables"))}).encode()
+        self.send_response(200)
+        self.send_header("content-type", "application/json")
+        self.send_header("content-length", str(len(answer)))
+        self.end_headers()
+        self.wfile.write(answer)
+
+    def answer(self, query, variables):
+        if "upsertView" in query:
+            self.views.append(variables)
+            project = {"id": "P", "name": variables["projectName"], "entityName": variables["entityName"]}
+            copied = {key: variables[key] for key in ("name", "type", "displayName", "description", "spec")}
+            times = dict.fromkeys(("createdAt", "updatedAt"), "2026-01-01T00:00:00Z")
+            return {"upsertView": {"view": {"id": "VIEW", "project": project} | copied | times, "inserted": True}}
+        if "models(" in query:
+            return {"models": {"edges": [], "pageInfo": {"hasNextPage": False, "endCursor": None}}}
+        if "upsertModel" in query:
+            return {"result": None}
+        person = {"id": "V", "entity": "team", "username": "me", "email": "", "flags": "{}", "teams": {"edges": []}}
+        return {"viewer": person}
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.mark.slow
+def test_saving_sends_the_specification_and_prints_the_addresses(tmp_path):
+    Server.views.clear()
+    with ThreadingHTTPServer(("127.0.0.1", 0), Server) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}"
+        own = {"HOME": str(tmp_path), "WANDB_BASE_URL": address, "WANDB_API_KEY": 40 * "0"}
+        paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+        # In a process of its own: wandb keeps the server of a process.
+        words = ["dashboard", "project=ours", "name=Curves", "save=true", f"output={tmp_path}/dashboard"]
+        ended = subprocess.run(
+            [sys.executable, "-m", "lfref.cli.main", *words],
+            cwd=tmp_path,
+            env=os.environ | own | {"PYTHONPATH": paths},
+            capture_output=True,
+            text=True,
+        )
+        server.shutdown()
+    assert ended.returncode == 0, ended.stderr
+    by_kind = {view["type"]: view for view in Server.views}
+    written = json.loads((tmp_path / "dashboard" / dashboard.SPECIFICATION).read_text())
+    for kind, name in (("runs", "report"), ("project-view", "workspace")):
+        view = by_kind[kind]
+        assert (view["entityName"], view["projectName"], view["displayName"]) == ("team", "ours", "Curves")
+        assert json.loads(view["spec"]) == written[name]["spec"]
     log = (tmp_path / "dashboard" / "dashboard.log").read_text()
-    assert "workspace: https://x/team/Workspace\n" in log
-    assert "report: https://x/team/Report\n" in log
+    assert f"workspace: {address}/team/ours?nw=" in log
+    assert f"report: {address}/team/ours/reports/Curves--VIEW" in log
 
 
 def test_a_server_that_refuses_gives_one_line(lfref, alone, monkeypatch, tmp_path):
     def refuse(self):
         raise wandb.errors.CommError("permission denied")
 
+    monkeypatch.setattr(wandb, "Api", lambda: SimpleNamespace(default_entity="team"))
     monkeypatch.setattr(dashboard.wr.Report, "save", refuse)
-    status, errors = lfref("dashboard", "entity=team", "save=true", f"output={tmp_path}/dashboard")
+    status, errors = lfref("dashboard", "save=true", f"output={tmp_path}/dashboard")
     assert status == 1
     assert "wandb must save the dashboard; got permission denied; check entity and project" in errors
