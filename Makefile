@@ -97,9 +97,9 @@ site: install
 	$(BIN)/mkdocs build --strict
 
 # Triton's interpreter runs the GPU's kernel on the CPU, line by line; Mitsuba renders what the simulator is checked by;
-# the engines of `export` run what PyTorch runs; `serve` is the server of a page.
+# the engines of `export` run what PyTorch runs; `serve` is the server of a page; `dashboard` specifies panels.
 $(VENV)/checks: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba,export,serve]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba,export,serve,dashboard]'
 	touch $@
 
 test: lint site $(VENV)/checks

@@ -121,6 +121,7 @@ def test_the_library_refocuses_by_the_shipped_network_with_few_packages(missing)
         (("refocus", "array.h5"), "h5py", "captures"),
         (("train", "logger=tensorboard", "experiment=demo"), "tensorboard", "tensorboard"),
         (("tune", "seed=1,2", "experiment=demo"), "optuna", "tune"),
+        (("dashboard",), "wandb_workspaces", "dashboard"),
     ],
 )
 def test_what_needs_another_package_names_its_extra_in_one_line(field, tmp_path, words, package, extra):
@@ -151,4 +152,4 @@ def test_every_extra_is_one_of_the_package():
     declared = (ROOT / "pyproject.toml").read_text("utf-8")
     for extra, packages in extras.EXTRAS.items():
         (line,) = re.findall(rf"^{extra} = \[(.*)\]$", declared, re.MULTILINE)
-        assert all(f'"{package}>=' in line for package in packages)
+        assert all(f'"{package.replace("_", "-")}>=' in line for package in packages)

@@ -1,5 +1,8 @@
 """`lfref eval`: evaluate checkpoints and operators plane by plane, and draw the paper's two figures."""
 
+import functools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
@@ -19,7 +22,10 @@ from lfref.report import comparison, drawing, plots, tables
 
 
 def evaluate(config: DictConfig, folder: Path) -> None:
-    """Write `planes.csv`, `summary.csv`, `scatter.png`, `quality_by_plane.png` and one comparison per light field."""
+    """Write `planes.csv`, `summary.csv`, `scatter.png`, `quality_by_plane.png` and one comparison per light field.
+
+    Loggers get the tables and the pictures too.
+    """
     device = device_of(config.device)
     planes = fixed_planes(config)
     references: dict[str, Labels] = configs.build(config.references)
@@ -29,22 +35,36 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     found = steps.find_fields(config)
     fields = {name: found[name] for name in shards.share_of(list(found), config.shard)}
     rows: list[accuracy.Row] = []
-    for path in progress(fields.values(), "evaluating", len(fields)):
-        field = steps.read_field(path, config, methods)
-        with torch.no_grad():
-            stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in methods}
-        labels = {name: source(field) for name, source in references.items()}
-        rows += accuracy.plane_rows(field.name, stacks, labels, planes)
-        shown = stacks | {f"label: {name}": label for name, label in labels.items()}
-        figure = comparison.comparison(shown, planes, field.views.mean(dim=(0, 1)))
-        drawing.save_figure(figure, folder / "comparison" / f"{field.name}.png")
-    table = pd.DataFrame(rows)
-    summary = accuracy.summaries(table)
-    tables.write_table(folder / "planes.csv", table)
-    tables.write_table(folder / "summary.csv", summary)
-    drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
-    drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
+    with _logging(config) as log_evaluation:
+        for path in progress(fields.values(), "evaluating", len(fields)):
+            field = steps.read_field(path, config, methods)
+            with torch.no_grad():
+                stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in methods}
+            labels = {name: source(field) for name, source in references.items()}
+            rows += accuracy.plane_rows(field.name, stacks, labels, planes)
+            shown = stacks | {f"label: {name}": label for name, label in labels.items()}
+            figure = comparison.comparison(shown, planes, field.views.mean(dim=(0, 1)))
+            drawing.save_figure(figure, folder / "comparison" / f"{field.name}.png")
+        table = pd.DataFrame(rows)
+        summary = accuracy.summaries(table)
+        tables.write_table(folder / "planes.csv", table)
+        tables.write_table(folder / "summary.csv", summary)
+        drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
+        drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
+        log_evaluation(summary, table, folder)
     log.info("%s, %s: %s", counted(len(fields), "light field"), counted(len(methods), "method"), folder / "summary.csv")
+
+
+@contextmanager
+def _logging(config: DictConfig) -> Iterator[Callable[[pd.DataFrame, pd.DataFrame, Path], None]]:
+    """Start the loggers before the work; yields the function that gives them summary, planes, and the run folder."""
+    if not config.get("logger"):
+        yield lambda summary, table, folder: None
+        return
+    from lfref.cli import loggers  # imported here: Lightning and wandb take seconds
+
+    with loggers.running(config, "eval", without=("csv",)) as running:  # the tables are CSV files already
+        yield functools.partial(loggers.log_evaluation, running)
 
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:

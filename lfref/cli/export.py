@@ -4,7 +4,8 @@ import dataclasses
 import functools
 import logging
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
@@ -24,6 +25,7 @@ from lfref.errors import InputError, LfrefError, counted
 from lfref.export import export_file, graphs, parity
 from lfref.export.export_file import ExportFile
 from lfref.export.graphs import Exportable, Samples
+from lfref.export.parity import Row
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocuser.load import load
@@ -53,6 +55,23 @@ def export(config: DictConfig, folder: Path) -> None:
     samples = Samples(str(config.samples), encoding.parsed(str(config.encoding)))
     subject = graphs.exportable(refocuser, planes, grid, samples)
     target.check_precision(subject)
+    with _logging(config) as log_files:
+        rows = _write(config, target, refocuser, subject, grid)
+        log_files(target)
+    for engine, of_engine in pd.DataFrame(rows).groupby("engine", sort=False):
+        most, least = of_engine["max_error"].max(), of_engine["psnr_db"].min()
+        n_cases = counted(len(of_engine), "case")
+        log.info("%s: off by %.2g at most, %.1f dB at least, in %s", engine, most, least, n_cases)
+    if own := parity.own_noise(rows):
+        shown = ", ".join(f"{case} by {error:.2g}" for case, error in own.items())
+        log.warning("%s makes noise of flat frames: float32 is off from float64 in %s", refocuser.name, shown)
+    log.info("%s as %s in %s", refocuser.name, config.precision, target.file)
+
+
+def _write(
+    config: DictConfig, target: ExportFile, refocuser: Refocuser, subject: Exportable, grid: Sequence[int]
+) -> list[Row]:
+    """Write the file and try it; returns the comparison."""
     fields, patches = _fields(config, grid)
     if target.precision == INT8:
         scales = [subject.inputs([patch]) for patch in patches]
@@ -64,15 +83,24 @@ def export(config: DictConfig, folder: Path) -> None:
             full = dataclasses.replace(target, precision=FP32)
             _compare_speed(draft, full, subject, largest, refocuser, config.require_faster)
 
-    rows = target.write_checked(refocuser, subject, fields, further)
-    for engine, of_engine in pd.DataFrame(rows).groupby("engine", sort=False):
-        most, least = of_engine["max_error"].max(), of_engine["psnr_db"].min()
-        n_cases = counted(len(of_engine), "case")
-        log.info("%s: off by %.2g at most, %.1f dB at least, in %s", engine, most, least, n_cases)
-    if own := parity.own_noise(rows):
-        shown = ", ".join(f"{case} by {error:.2g}" for case, error in own.items())
-        log.warning("%s makes noise of flat frames: float32 is off from float64 in %s", refocuser.name, shown)
-    log.info("%s as %s in %s", refocuser.name, config.precision, target.file)
+    return target.write_checked(refocuser, subject, fields, further)
+
+
+@contextmanager
+def _logging(config: DictConfig) -> Iterator[Callable[[ExportFile], None]]:
+    """Start the logger before the work; yields the function that gives it the files."""
+    if not config.get("logger"):
+        yield lambda target: None
+        return
+    from lfref.cli import wandb_runs  # imported here: Lightning and wandb take seconds
+
+    def files(target: ExportFile) -> list[Path]:
+        """The file, its weights where they lie beside it, and the comparison."""
+        parts = target.file, target.file.with_suffix(".bin"), Path(f"{target.file}{export_file.REPORT}")
+        return [path for path in parts if path.is_file()]
+
+    with wandb_runs.exporting(config) as log_files:
+        yield lambda target: log_files(files(target), f"{target.format}-{target.precision}")
 
 
 def _refocuser(config: DictConfig) -> Refocuser:

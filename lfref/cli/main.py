@@ -27,6 +27,7 @@ COMMANDS = {
     "prepare": "make a set of planes for training",
     "simulate": "write simulated light fields",
     "report": "gather runs into one page",
+    "dashboard": "make a workspace and a report in Weights & Biases",
 }
 
 

@@ -19,7 +19,7 @@ from lfref.errors import InputError, LfrefError, first_line
 
 APERTURES = ("disc", "full", "gaussian", "mask", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
-CALLBACKS = ("BestCheckpoint", "HeadInitialization", "StackPictures", "StepGuard")
+CALLBACKS = ("BestCheckpoint", "HeadInitialization", "Pace", "StackPictures", "StepGuard")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")
 EFFECTS = (
     "displacement.Chromatic", "vignetting.Vignetting", "displacement.Misalignment", "crosstalk.Crosstalk",

@@ -1,8 +1,6 @@
 """`lfref train`: fit a network to labels made by an operator."""
 
-import contextlib
 import functools
-import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,19 +12,18 @@ from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch import Callback, LightningDataModule, Trainer, seed_everything
 from omegaconf import DictConfig
 
-from lfref import __version__, extras
 from lfref.cli import config as configs
-from lfref.cli import resume, wandb_runs
+from lfref.cli import loggers, resume
 from lfref.cli.command import command, log, quiet_libraries
 from lfref.cli.exit_codes import fail
 from lfref.cli.run_folder import is_first_process
 from lfref.cli.steps import fixed_planes
-from lfref.errors import InputError, LfrefError, counted
+from lfref.errors import LfrefError, counted
 from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.refocuser.networks import SHIPPED
 from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement, TrainingRecord
-from lfref.train.modules import Fitting, cut_log
+from lfref.train.modules import MPSNR_OF_STACK, MSSIM_OF_STACK, Fitting, cut_log
 from lfref.train.stopping import Stopping, one_line_errors
 
 PARALLEL_LAUNCHERS = (
@@ -152,10 +149,10 @@ def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
     chosen = [callback for callback in configs.build(config.callbacks).values() if callback is not None]
     record = TrainingRecord(Path(config.folder) / runs.TRAINING)
     callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, *_trial_reports(), record, stopping]
-    loggers = _loggers(config)
+    logger = loggers.started(config, "train", compared_by=(MPSNR_OF_STACK, MSSIM_OF_STACK))
     devices = _devices(configs.plain(config.trainer))
     plugins = [AtomicCheckpointIO()]
-    return configs.build(config.trainer, callbacks=callbacks, logger=loggers, plugins=plugins, devices=devices)
+    return configs.build(config.trainer, callbacks=callbacks, logger=logger, plugins=plugins, devices=devices)
 
 
 def _trial_reports() -> list[Callback]:
@@ -192,34 +189,6 @@ def devices_of_job(trainer: Mapping[str, Any], number: int) -> Any:
     takes_one_gpu = devices == 1 and trainer.get("accelerator", "auto") in GPU_ACCELERATORS
     n_gpus = torch.cuda.device_count() if takes_one_gpu else 0
     return [number % n_gpus] if n_gpus else devices
-
-
-def _loggers(config: DictConfig) -> list[Any]:
-    """The loggers; each has logged the whole configuration."""
-    if "tensorboard" in config.logger:  # Lightning would fail later, and say less
-        extras.check("tensorboard", "logger=tensorboard")
-    built = [(logger, _logger(logger, config)) for logger in config.logger.values()]
-    try:
-        for settings, logger in built:
-            logger.log_hyperparams(configs.plain(config) | {"code": _code()})
-            if wandb_runs.is_wandb(settings) and is_first_process():
-                wandb_runs.keep_id(logger, Path(config.folder))
-    except wandb.errors.Error as error:
-        remedy = "run wandb login, or set logger.wandb.offline=true"
-        raise InputError("wandb must be able to start a run", got=error, remedy=remedy) from error
-    return [logger for _, logger in built]
-
-
-def _logger(settings: DictConfig, config: DictConfig) -> Any:
-    return configs.build(settings, **wandb_runs.options(settings, config) if wandb_runs.is_wandb(settings) else {})
-
-
-def _code() -> str:
-    """The commit of the working directory, or the version of lfref where there is none."""
-    command = ["git", "rev-parse", "HEAD"]
-    with contextlib.suppress(OSError, subprocess.SubprocessError):
-        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
-    return f"lfref {__version__}"
 
 
 _run = command(train, prepare, result=score)

@@ -1,8 +1,8 @@
 """Callbacks, logger and checkpoint files of a training.
 
 `StepGuard` keeps numbers that are not finite out of weights and checkpoints; `HeadInitialization` starts the last
-convolution; `StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run;
-`TrainingRecord` notes time and size.
+convolution; `StackPictures` shows progress; `Pace` logs learning rate and speed; `RankAgreement` compares the processes
+of a distributed run; `TrainingRecord` notes time and size.
 The module stands apart from the command, since configurations name its classes.
 """
 
@@ -33,6 +33,10 @@ log = logging.getLogger(__name__)
 
 COUNTS = {"skipped": "max", "overflowed": "max", "resampled": "sum"}
 """Counts of `StepGuard`, logged as `train/NAME` and kept across a resume -> how processes combine them."""
+PICTURE = "val/stack"
+"""Name of the picture of patches that loggers get."""
+LEARNING_RATE, PATCHES_PER_SECOND = "train/lr", "train/patches_per_s"
+"""Names of what `Pace` logs."""
 LEAST_SCALE = 1.0
 """Least scale of float16's loss at which a gradient that is not finite counts as an overflow."""
 
@@ -288,6 +292,29 @@ def _quality(patch: HeldOutPatch) -> float:
     return patch.mpsnr
 
 
+class Pace(Callback):
+    """Logs the learning rate of each step, and the patches a second of all processes since the epoch began."""
+
+    def __init__(self) -> None:
+        self._start, self._n_patches = 0.0, 0
+
+    def on_train_epoch_start(self, trainer: Trainer, module: Any) -> None:
+        """Start the clock."""
+        self._start, self._n_patches = time.monotonic(), 0
+
+    def on_before_optimizer_step(self, trainer: Trainer, module: Any, optimizer: torch.optim.Optimizer) -> None:
+        """Log the rate here: after the step, a schedule may have changed it."""
+        module.log(LEARNING_RATE, float(optimizer.param_groups[0]["lr"]))
+
+    def on_train_batch_end(
+        self, trainer: Trainer, module: Any, outputs: Any, batch: Mapping[str, Any], batch_index: int
+    ) -> None:
+        """Log the speed."""
+        self._n_patches += len(batch["where"]) * trainer.world_size
+        seconds = max(time.monotonic() - self._start, 1e-9)
+        module.log(PATCHES_PER_SECOND, self._n_patches / seconds, on_step=True, on_epoch=False, batch_size=1)
+
+
 class RankAgreement(Callback):
     """Refuses to train when the processes of a distributed run were configured differently.
 
@@ -404,15 +431,15 @@ def beside(pictures: Sequence[Tensor]) -> Tensor:
     return torch.cat(parts[1:], dim=-1)
 
 
-def log_picture(logger: Any, picture: Tensor, step: int, caption: str = "") -> None:
+def log_picture(logger: Any, picture: Tensor, step: int, caption: str = "", name: str = PICTURE) -> None:
     """Give a picture [C, H, W] to a logger that takes pictures (wandb, tensorboard)."""
     if hasattr(logger, "log_image"):
         # wandb expects values up to 255, also in floating point.
         pixels = (255 * picture.permute(1, 2, 0)).round().byte().numpy()
         shown = [pixels if pixels.shape[2] > 1 else pixels[..., 0]]
-        logger.log_image("val/stack", shown, step=step, caption=[caption])
+        logger.log_image(name, shown, step=step, caption=[caption])
     elif hasattr(logger.experiment, "add_image"):
-        logger.experiment.add_image("val/stack", picture, step)
+        logger.experiment.add_image(name, picture, step)
 
 
 class _Continued(ExperimentWriter):

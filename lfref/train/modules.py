@@ -31,6 +31,8 @@ OptimizerFactory = Callable[[Iterator[nn.Parameter]], Optimizer]
 SchedulerFactory = Callable[[Optimizer], LRScheduler]
 RESERVED = frozenset({"loss", "mpsnr", "mssim", "gain", *TERMS})
 """Names of the values that validation logs anyway."""
+LOSS, MPSNR_OF_STACK, MSSIM_OF_STACK = "loss", "val/mpsnr", "val/mssim"
+"""Names of logged values: `train/loss` and `val/loss`, and the quality of the stacks of validation."""
 METRICS = "metrics."
 """Prefix of the weights of further metrics, such as LPIPS; checkpoints leave them out."""
 
@@ -185,7 +187,7 @@ class Refocusing(Fitting):
         """The stack of one held-out batch; its loss and metrics are logged."""
         stack = self.net(batch["views"], batch["slopes"])
         self._loss(batch["labels"], stack, "val")
-        for name, metric in (("val/mpsnr", self.mpsnr), ("val/mssim", self.mssim)):
+        for name, metric in ((MPSNR_OF_STACK, self.mpsnr), (MSSIM_OF_STACK, self.mssim)):
             metric.update(stack, batch["labels"])
             self.log(name, metric, prog_bar=True)
         self.update_metrics(stack, batch["labels"])
@@ -193,7 +195,7 @@ class Refocusing(Fitting):
 
     def on_validation_epoch_end(self) -> None:
         """Log the MPSNR of each plane, over all processes."""
-        names = [f"val/mpsnr_plane/{label.replace(' ', '_')}" for label in self.planes.labels]
+        names = plane_names(self.planes)
         # `per_plane` has the stacks of all processes: their mean, which Lightning wants to take, changes nothing.
         self.log_dict(dict(zip(names, self.mpsnr.per_plane(), strict=True)), sync_dist=True)
 
@@ -213,7 +215,7 @@ class Refocusing(Fitting):
             if not isinstance(value, Tensor) or value.numel() != 1:
                 got = f"shape {list(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
                 raise _wrong_loss(f"{name} of {got}")
-        self.log_stage(stage, {"loss": total, **terms}, len(labels))
+        self.log_stage(stage, {LOSS: total, **terms}, len(labels))
         return total
 
 
@@ -285,7 +287,7 @@ class Refining(Fitting):
         refined, base = (torch.where(batch["error_scale"] > 0, each, truth) for each in (output, batch["pictures"]))
         after, before = (psnr(each, truth).mean() for each in (refined, base))
         self.update_metrics(refined, truth)
-        values = {"val/mpsnr": after, "val/gain": after - before}
+        values = {MPSNR_OF_STACK: after, "val/gain": after - before}
         self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
 
     def payload(self) -> dict[str, Any]:
@@ -295,8 +297,13 @@ class Refining(Fitting):
     def _loss(self, batch: PlaneBatch, output: Tensor, stage: str) -> Tensor:
         truth = batch["pictures"] + batch["missing"]
         loss: Tensor = self.loss(output, truth, batch["pictures"], batch["error_scale"])
-        self.log_stage(stage, {"loss": loss}, len(output))
+        self.log_stage(stage, {LOSS: loss}, len(output))
         return loss
+
+
+def plane_names(planes: FocalPlanes) -> list[str]:
+    """Names under which the MPSNR of each plane is logged, such as `val/mpsnr_plane/alpha_0.5`."""
+    return [f"{MPSNR_OF_STACK}_plane/{label.replace(' ', '_')}" for label in planes.labels]
 
 
 def _wrong_loss(got: str) -> InputError:

@@ -54,3 +54,9 @@ def history_of(path: Path) -> list[dict]:
         for record in records(path)
         if record.WhichOneof("record_type") == "history"
     ]
+
+
+def artifacts_of(path: Path) -> list:
+    """The artifacts that were logged."""
+    logged = [record.request.log_artifact.artifact for record in records(path)]
+    return [each for each in [*logged, *(record.artifact for record in records(path))] if each.type]
