@@ -67,16 +67,24 @@ DEPTHS: dict[str, dict[int, str]] = {
     ".exr": {32: "float", 16: "half"},
     ".tif": {8: "uint8", 16: "uint16", 32: "float"},
     ".avif": {8: "uint8"},
+    ".webp": {8: "uint8"},
 }
 """Suffix of files that are written -> bits a sample -> sample type; the first is the default."""
 # The name is `weight`, not `A`: EXR assumes that A is multiplied into the colours.
 CHANNELS = {1: ("Y",), 2: ("Y", "weight"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "weight")}
 # EXR and TIFF are compressed without loss; light in floating point hardly shrinks, whatever the level. AVIF needs an
 # OpenImageIO that was built with it; the one on PyPI was not.
-COMPRESSIONS = {".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip:1", ".tif": "zip", ".avif": "avif:{quality}"}
-WITHOUT_WEIGHT = (".jpg", ".avif")
+COMPRESSIONS = {
+    ".png": "zip",
+    ".jpg": "jpeg:{quality}",
+    ".exr": "zip:1",
+    ".tif": "zip",
+    ".avif": "avif:{quality}",
+    ".webp": "webp:{quality}",
+}
+WITHOUT_WEIGHT = (".jpg", ".avif", ".webp")
 QUALITY = 95
-"""Default quality of a JPEG or AVIF file, from 1 to 100."""
+"""Default quality of a JPEG, AVIF or WebP file, from 1 to 100."""
 PNG_LEVEL = 1
 """Level of zip compression, from 1 to 9: the usual 6 takes three times as long for files that are 10 % smaller."""
 TILE = 256
@@ -259,8 +267,7 @@ def sample_type(path: Path, bits: int | None) -> str:
     suffix = path.suffix.lower()
     if suffix not in DEPTHS:
         raise InputError(f"{path} must end in {' or '.join(DEPTHS)}", remedy="choose another suffix")
-    if OpenImageIO.ImageOutput.create(f"x{suffix}") is None:
-        OpenImageIO.geterror()  # the error would come up again in a later call
+    if not writes(suffix):
         got, remedy = f"OpenImageIO {OpenImageIO.VERSION_STRING} without it", "choose another format"
         raise InputError(f"{suffix[1:].upper()} must be among what OpenImageIO writes", got=got, remedy=remedy)
     depths = DEPTHS[suffix]
@@ -269,6 +276,14 @@ def sample_type(path: Path, bits: int | None) -> str:
     if bits not in depths:
         raise InputError(f"bits of {path} must be one of {', '.join(map(str, depths))}", got=bits)
     return depths[bits]
+
+
+def writes(suffix: str) -> bool:
+    """Whether OpenImageIO was built to write files of this suffix."""
+    if OpenImageIO.ImageOutput.create(f"x{suffix}") is not None:
+        return True
+    OpenImageIO.geterror()  # the error would come up again in a later call
+    return False
 
 
 def _is_own(path: Path) -> bool:

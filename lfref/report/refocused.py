@@ -124,14 +124,19 @@ class Refocused:
         return DisparityMap(estimate.disparity, estimate.confidence * has_weight.to(estimate.confidence))
 
     @cached_property
+    def near_sign(self) -> int:
+        """1 if larger disparities are nearer, -1 if smaller ones are, 0 if that is unknown."""
+        is_measured = self.foreign_disparity is None and self.field.grid != (1, 1)
+        return depth_order(self.field.views, *self.disparity) if is_measured else 0
+
+    @cached_property
     def nearness(self) -> Tensor:
         """Disparity, with the sign that makes near points larger, [H, W]."""
-        sign = depth_order(self.field.views, *self.disparity)
-        if not sign:
+        if not self.near_sign:
             remedy = "if the points are inside out, give reader.reverse_v=true reader.reverse_u=true"
             warning = "%s: the depth order is unknown, so smaller disparities count as nearer; %s"
             log.warning(warning, self.field.name, remedy)
-        return (sign or -1) * self.disparity.disparity
+        return (self.near_sign or -1) * self.disparity.disparity
 
     @cached_property
     def by_slope(self) -> list[int]:

@@ -1,131 +1,281 @@
-// Shift-and-sum in linear light through any aperture, from any viewpoint, focused on any plane, tilted ones too: on the
-// graphics processor, or, where there is none, on the processor at half the resolution.
+"use strict";
+// The lens: refocusing in linear light through any aperture, from any viewpoint, focused on any plane, tilted ones too.
+// It runs on the graphics processor in three passes: the weighted sum of the shifted views; a box along each axis, as
+// wide as the blur of a cell of the aperture, |slope - disparity| pixels, so that blurred edges show no copies (the
+// views between the cameras are missing); and the picture on the screen. Without a graphics processor, the processor
+// computes the sum at half the resolution.
 
-const MOST = 256; // views
-const VERTICES = `#version 300 es
+const MOST_VIEWS = 512;
+const MOST_TAPS = 24; // pixels of a box along one axis
+const CORNERS = `#version 300 es
 in vec2 corner; out vec2 at;
-void main() { at = vec2(0.5, -0.5) * corner + 0.5; gl_Position = vec4(corner, 0.0, 1.0); }`;
-const PIXELS = `#version 300 es
+void main() { at = 0.5 * corner + 0.5; gl_Position = vec4(corner, 0.0, 1.0); }`;
+const SUM = `#version 300 es
 precision highp float; precision highp sampler2DArray;
-uniform sampler2DArray views; uniform sampler2D cameras; uniform int n; uniform vec3 focus; uniform vec2 size;
-in vec2 at; out vec4 shown;
+uniform sampler2DArray views, masks; uniform sampler2D cameras; uniform int n; uniform bool masked, fine;
+uniform vec3 focus; uniform vec2 size;
+in vec2 at; out vec4 light;
+// Cubic interpolation (Catmull-Rom): nine linear ones, of which the four at the corners weigh next to nothing.
+vec3 cubic(vec2 place, float view) {
+  vec2 pixels = vec2(textureSize(views, 0).xy), position = place * pixels, middle = floor(position - 0.5) + 0.5;
+  vec2 f = position - middle;
+  vec2 w0 = f * (-0.5 + f * (1.0 - 0.5 * f)), w1 = 1.0 + f * f * (-2.5 + 1.5 * f);
+  vec2 w2 = f * (0.5 + f * (2.0 - 1.5 * f)), w3 = f * f * (-0.5 + 0.5 * f), w12 = w1 + w2;
+  vec2 p0 = (middle - 1.0) / pixels, p12 = (middle + w2 / w12) / pixels, p3 = (middle + 2.0) / pixels;
+  vec4 sum = vec4(0.0);
+  sum += w12.x * w0.y * vec4(texture(views, vec3(p12.x, p0.y, view)).rgb, 1.0);
+  sum += w0.x * w12.y * vec4(texture(views, vec3(p0.x, p12.y, view)).rgb, 1.0);
+  sum += w12.x * w12.y * vec4(texture(views, vec3(p12, view)).rgb, 1.0);
+  sum += w3.x * w12.y * vec4(texture(views, vec3(p3.x, p12.y, view)).rgb, 1.0);
+  sum += w12.x * w3.y * vec4(texture(views, vec3(p12.x, p3.y, view)).rgb, 1.0);
+  return sum.rgb / sum.a;
+}
 void main() {
   float slope = focus.x + dot(focus.yz, at - 0.5);
-  vec3 light = vec3(0.0); float weight = 0.0;
-  for (int k = 0; k < ${MOST}; k++) {
+  light = vec4(0.0);
+  for (int k = 0; k < ${MOST_VIEWS}; k++) {
     if (k >= n) break;
     vec4 camera = texelFetch(cameras, ivec2(k, 0), 0);
+    if (camera.z <= 0.0) continue;
     vec2 place = at + slope * camera.xy / size;
-    if (camera.z <= 0.0 || any(lessThan(place, vec2(0.0))) || any(greaterThan(place, vec2(1.0)))) continue;
-    light += camera.z * texture(views, vec3(place, float(k))).rgb; weight += camera.z;
+    if (any(lessThan(place, vec2(0.0))) || any(greaterThan(place, vec2(1.0)))) continue;
+    float weight = camera.z * (masked ? texture(masks, vec3(place, camera.w)).r : 1.0);
+    vec3 colour = fine ? cubic(place, camera.w) : texture(views, vec3(place, camera.w)).rgb;
+    light += weight * vec4(colour, 1.0);
   }
-  light /= max(weight, 1e-6);
-  shown = vec4(mix(12.92 * light, 1.055 * pow(light, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, light)), 1.0);
+}`;
+const BOX = `#version 300 es
+precision highp float;
+uniform sampler2D sum, disparities; uniform vec3 focus; uniform vec2 size, viewpoint; uniform ivec2 axis; uniform float cell;
+uniform bool last; uniform ivec2 pixels;
+in vec2 at; out vec4 light;
+float disparity(vec2 place) {
+  ivec2 known = textureSize(disparities, 0);
+  return texelFetch(disparities, clamp(ivec2(place * vec2(known)), ivec2(0), known - 1), 0).r;
+}
+void main() {
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  float slope = focus.x + dot(focus.yz, at - 0.5);
+  vec2 seen = at + (slope - disparity(at)) * viewpoint / size;
+  float scale = float(pixels.x) / size.x;
+  float width = min(cell * scale * abs(slope - disparity(seen)), float(${MOST_TAPS}));
+  float reach = 0.5 * max(width, 1.0);
+  light = vec4(0.0);
+  int last_tap = int(ceil(reach - 0.5));
+  for (int k = -last_tap; k <= last_tap; k++) {
+    // The share of a pixel that lies in the box.
+    float share = clamp(reach + 0.5 - abs(float(k)), 0.0, 1.0);
+    ivec2 place = pixel + k * axis;
+    if (share <= 0.0 || any(lessThan(place, ivec2(0))) || any(greaterThanEqual(place, pixels))) continue;
+    light += share * texelFetch(sum, place, 0);
+  }
+  if (!last) return;
+  vec3 mean = clamp(light.rgb / max(light.a, 1e-6), 0.0, 1.0);
+  light = vec4(mix(12.92 * mean, 1.055 * pow(mean, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, mean)), 1.0);
+}`;
+const SHOW = `#version 300 es
+precision highp float;
+uniform sampler2D picture; uniform vec4 box; uniform vec2 window, used;
+in vec2 at; out vec4 shown;
+void main() {
+  vec2 place = (vec2(at.x, 1.0 - at.y) * window - box.xy) / box.zw;
+  bool outside = any(lessThan(place, vec2(0.0))) || any(greaterThan(place, vec2(1.0)));
+  vec2 half_pixel = 0.5 / vec2(textureSize(picture, 0));
+  shown = outside ? vec4(0.0, 0.0, 0.0, 1.0) : texture(picture, clamp(place * used, half_pixel, used - half_pixel));
 }`;
 
-// Distance of a camera from the middle of the aperture, in view steps, in the norm of the aperture's shape.
-const SHAPES = {
-  square: (x, y) => Math.max(Math.abs(x), Math.abs(y)),
-  disc: (x, y) => Math.hypot(x, y),
-  hexagon: (x, y) => Math.max(Math.abs(x), 0.5 * Math.abs(x) + 0.866 * Math.abs(y)),
-};
+/**
+ * @typedef {{ draw: (lens: Lens, share?: number, fine?: boolean) => void, show: (box: Box) => void, took: () => number | null,
+ *   pixels: () => ImageData }} Drawing
+ * Refocus, with a share of the pixels along each side, with fine interpolation or not; show the picture in a box of the
+ * canvas; the milliseconds that the last drawing took, or null while it is not finished; the pixels of the picture.
+ */
 
-function weights(settings) {
-  const distance = SHAPES[settings.shape];
-  return content.views.cameras.map(([x, y]) => {
-    const [dx, dy] = [x - settings.across, y - settings.down];
-    if (settings.aperture === 0) return Math.max(0, 1 - Math.abs(dx)) * Math.max(0, 1 - Math.abs(dy));
-    return Math.min(1, Math.max(0, settings.aperture / 2 + 1 - distance(dx, dy)));
-  });
-}
-
-function compiled(gl, kind, text) {
-  const shader = gl.createShader(kind);
-  gl.shaderSource(shader, text);
-  gl.compileShader(shader);
-  if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
-  return shader;
-}
-
-function glLens(canvas, images) {
-  const gl = canvas.getContext("webgl2", { preserveDrawingBuffer: true, antialias: false });
-  if (!gl || !gl.getExtension("EXT_color_buffer_float") || images.length > MOST) return null;
-  const [height, width] = content.views.size;
+/** @param {WebGL2RenderingContext} gl @param {string} text */
+function programOf(gl, text) {
   const program = gl.createProgram();
-  for (const [kind, text] of [[gl.VERTEX_SHADER, VERTICES], [gl.FRAGMENT_SHADER, PIXELS]]) {
-    gl.attachShader(program, compiled(gl, kind, text));
+  for (const [kind, source] of /** @type {[number, string][]} */ ([[gl.VERTEX_SHADER, CORNERS], [gl.FRAGMENT_SHADER, text]])) {
+    const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader) || "shader");
+    gl.attachShader(program, shader);
   }
+  gl.bindAttribLocation(program, 0, "corner");
   gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
-  gl.useProgram(program);
+  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) || "program");
+  return { program, at: (/** @type {string} */ name) => gl.getUniformLocation(program, name) };
+}
+
+/** The lens on the graphics processor, or null where there is none that can. @param {HTMLCanvasElement} canvas
+ * @param {ImageBitmap[]} images @param {ImageBitmap[] | null} masks @returns {Drawing | null} */
+function glLens(canvas, images, masks) {
+  const gl = canvas.getContext("webgl2", { preserveDrawingBuffer: true, antialias: false, alpha: false });
+  if (!gl || !gl.getExtension("EXT_color_buffer_float")) return null;
+  if (images.length > Math.min(MOST_VIEWS, gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS))) return null;
+  const [height, width] = content.views.size;
+  const [sum, box, show] = [SUM, BOX, SHOW].map((text) => programOf(gl, text));
   gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
   gl.bufferData(gl.ARRAY_BUFFER, new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]), gl.STATIC_DRAW);
   gl.enableVertexAttribArray(0);
-  gl.bindAttribLocation(program, 0, "corner");
-  gl.vertexAttribPointer(gl.getAttribLocation(program, "corner"), 2, gl.FLOAT, false, 0, 0);
-  gl.activeTexture(gl.TEXTURE0);
-  gl.bindTexture(gl.TEXTURE_2D_ARRAY, gl.createTexture());
-  gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.SRGB8_ALPHA8, width, height, images.length);
-  images.forEach((image, k) => {
-    gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, width, height, 1, gl.RGBA, gl.UNSIGNED_BYTE, image);
-  });
-  for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D_ARRAY, side, gl.CLAMP_TO_EDGE);
-  for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D_ARRAY, filter, gl.LINEAR);
-  gl.activeTexture(gl.TEXTURE1);
-  gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-  for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
-  const uniform = (name) => gl.getUniformLocation(program, name);
-  gl.uniform1i(uniform("views"), 0);
-  gl.uniform1i(uniform("cameras"), 1);
-  gl.uniform1i(uniform("n"), images.length);
-  gl.uniform2f(uniform("size"), WIDTH, HEIGHT);
-  const focus = uniform("focus");
-  return (settings) => {
-    const cameras = weights(settings).flatMap((weight, k) => [...content.views.cameras[k], weight, 0]);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, images.length, 1, 0, gl.RGBA, gl.FLOAT, new Float32Array(cameras));
-    gl.uniform3f(focus, settings.slope, settings.tiltAcross, settings.tiltDown);
-    gl.viewport(0, 0, canvas.width, canvas.height);
+  gl.vertexAttribPointer(0, 2, gl.FLOAT, false, 0, 0);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+
+  let unit = 0;
+  const textureOf = (/** @type {number} */ kind, /** @type {number} */ filter) => {
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(kind, gl.createTexture());
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(kind, side, gl.CLAMP_TO_EDGE);
+    for (const each of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(kind, each, filter);
+    return unit++;
+  };
+  const layersOf = (/** @type {ImageBitmap[]} */ layers, /** @type {number} */ stored, /** @type {number} */ format) => {
+    const at = textureOf(gl.TEXTURE_2D_ARRAY, gl.LINEAR);
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, stored, layers[0].width, layers[0].height, layers.length);
+    layers.forEach((layer, k) => {
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, layer.width, layer.height, 1, format, gl.UNSIGNED_BYTE, layer);
+    });
+    return at;
+  };
+  const views = layersOf(images, gl.SRGB8_ALPHA8, gl.RGBA);
+  const mask = masks ? layersOf(masks, gl.R8, gl.RED) : views;
+  const cameras = textureOf(gl.TEXTURE_2D, gl.NEAREST);
+  const disparities = textureOf(gl.TEXTURE_2D, gl.NEAREST);
+  const known = Float32Array.from({ length: WIDTH * HEIGHT }, (_, pixel) => disparityOf(pixel));
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, WIDTH, HEIGHT, 0, gl.RED, gl.FLOAT, known);
+  const target = (/** @type {number} */ stored, /** @type {number} */ filter) => {
+    const at = textureOf(gl.TEXTURE_2D, filter);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, stored, width, height);
+    const frame = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+    const made = /** @type {WebGLTexture} */ (gl.getParameter(gl.TEXTURE_BINDING_2D));
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, made, 0);
+    return { at, frame };
+  };
+  const summed = target(gl.RGBA32F, gl.NEAREST);
+  const blurred = target(gl.RGBA32F, gl.NEAREST);
+  const picture = target(gl.RGBA8, gl.LINEAR);
+  const scene = (/** @type {ReturnType<typeof programOf>} */ { at }, /** @type {Lens} */ lens) => {
+    gl.uniform3f(at("focus"), lens.slope, lens.tiltX, lens.tiltY);
+    gl.uniform2f(at("size"), WIDTH, HEIGHT);
+  };
+  const quad = (/** @type {WebGLFramebuffer | null} */ frame, /** @type {number} */ across, /** @type {number} */ down) => {
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+    gl.viewport(0, 0, across, down);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+  };
+
+  let [across, down] = [width, height]; // pixels that are drawn
+  let start = 0;
+  /** @type {number | null} */
+  let time = 0;
+  /** @type {WebGLSync | null} */
+  let fence = null;
+
+  return {
+    draw(lens, share = 1, fine = true) {
+      [across, down, start, time] = [Math.ceil(share * width), Math.ceil(share * height), performance.now(), null];
+      // Only cameras with weight are read: they come first.
+      const used = cameraWeights(content.views.cameras, lens, REACH)
+        .map((weight, k) => [...content.views.cameras[k], weight, k])
+        .filter(([, , weight]) => weight > 0);
+      gl.activeTexture(gl.TEXTURE0 + cameras);
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, used.length, 1, 0, gl.RGBA, gl.FLOAT, new Float32Array(used.flat()));
+      gl.useProgram(sum.program);
+      scene(sum, lens);
+      gl.uniform1i(sum.at("views"), views);
+      gl.uniform1i(sum.at("masks"), mask);
+      gl.uniform1i(sum.at("cameras"), cameras);
+      gl.uniform1i(sum.at("n"), used.length);
+      gl.uniform1i(sum.at("masked"), masks ? 1 : 0);
+      gl.uniform1i(sum.at("fine"), fine ? 1 : 0);
+      quad(summed.frame, across, down);
+      gl.useProgram(box.program);
+      scene(box, lens);
+      gl.uniform1i(box.at("disparities"), disparities);
+      gl.uniform2f(box.at("viewpoint"), lens.x, lens.y);
+      gl.uniform2i(box.at("pixels"), across, down);
+      gl.uniform1f(box.at("cell"), Math.min(1, fittingAperture(lens, REACH)));
+      for (const [from, to, axis, last] of /** @type {const} */ ([[summed, blurred, [1, 0], 0], [blurred, picture, [0, 1], 1]])) {
+        gl.uniform1i(box.at("sum"), from.at);
+        gl.uniform2i(box.at("axis"), axis[0], axis[1]);
+        gl.uniform1i(box.at("last"), last);
+        quad(to.frame, across, down);
+      }
+      if (fence) gl.deleteSync(fence);
+      fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+      gl.flush();
+    },
+    took() {
+      if (time === null && fence && gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.SIGNALED) time = performance.now() - start;
+      return time;
+    },
+    show(placed) {
+      gl.useProgram(show.program);
+      gl.uniform1i(show.at("picture"), picture.at);
+      gl.uniform4f(show.at("box"), placed.left, placed.top, placed.width, placed.height);
+      gl.uniform2f(show.at("used"), across / width, down / height);
+      gl.uniform2f(show.at("window"), canvas.width, canvas.height);
+      quad(null, canvas.width, canvas.height);
+    },
+    pixels() {
+      const read = new Uint8ClampedArray(4 * across * down);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, picture.frame);
+      gl.readPixels(0, 0, across, down, gl.RGBA, gl.UNSIGNED_BYTE, read);
+      return new ImageData(read, across, down);
+    },
   };
 }
 
 const COARSE = 2; // pixels along the side of one without a graphics processor
 
+/** The lens on the processor. @param {HTMLCanvasElement} canvas @param {ImageBitmap[]} images @returns {Drawing} */
 function plainLens(canvas, images) {
-  const [height, width] = content.views.size.map((length) => Math.ceil(length / COARSE));
-  [canvas.width, canvas.height] = [width, height];
-  const scratch = document.createElement("canvas");
-  [scratch.width, scratch.height] = [width, height];
-  const reading = scratch.getContext("2d", { willReadFrequently: true });
+  const [height, width] = content.views.size.map((/** @type {number} */ length) => Math.ceil(length / COARSE));
+  const scratch = new OffscreenCanvas(width, height);
+  const drawing = /** @type {OffscreenCanvasRenderingContext2D} */ (scratch.getContext("2d", { willReadFrequently: true }));
   const linear = Float32Array.from({ length: 256 }, (_, k) => {
     return k <= 10 ? k / 255 / 12.92 : ((k / 255 + 0.055) / 1.055) ** 2.4;
   });
   const views = images.map((image) => {
-    reading.drawImage(image, 0, 0, width, height);
-    return reading.getImageData(0, 0, width, height).data;
+    drawing.drawImage(image, 0, 0, width, height);
+    return drawing.getImageData(0, 0, width, height).data;
   });
-  const context = canvas.getContext("2d");
-  return (settings) => {
-    const output = context.createImageData(width, height);
-    const light = new Float32Array(4 * width * height);
-    weights(settings).forEach((weight, k) => {
-      if (weight > 0) add(light, views[k], content.views.cameras[k], weight, settings, width, height, linear);
-    });
-    for (let p = 0; p < light.length; p += 4) {
-      for (let c = 0; c < 3; c++) {
-        const value = light[p + c] / Math.max(light[p + 3], 1e-6);
-        output.data[p + c] = 255 * (value <= 0.0031308 ? 12.92 * value : 1.055 * value ** (1 / 2.4) - 0.055);
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  const output = new ImageData(width, height);
+  let time = 0;
+  return {
+    draw(lens) {
+      const start = performance.now();
+      const light = new Float32Array(4 * width * height);
+      cameraWeights(content.views.cameras, lens, REACH).forEach((weight, k) => {
+        if (weight > 0) addView(light, views[k], content.views.cameras[k], weight, lens, width, height, linear);
+      });
+      for (let p = 0; p < light.length; p += 4) {
+        for (let c = 0; c < 3; c++) {
+          const value = light[p + c] / Math.max(light[p + 3], 1e-6);
+          output.data[p + c] = 255 * (value <= 0.0031308 ? 12.92 * value : 1.055 * value ** (1 / 2.4) - 0.055);
+        }
+        output.data[p + 3] = 255;
       }
-      output.data[p + 3] = 255;
-    }
-    context.putImageData(output, 0, 0);
+      drawing.putImageData(output, 0, 0);
+      time = performance.now() - start;
+    },
+    took: () => time,
+    show(box) {
+      context.fillRect(0, 0, canvas.width, canvas.height);
+      context.drawImage(scratch, box.left, box.top, box.width, box.height);
+    },
+    pixels: () => output,
   };
 }
 
-function add(light, view, [cx, cy], weight, settings, width, height, linear) {
+/** @param {Float32Array} light @param {Uint8ClampedArray} view @param {Point} camera @param {number} weight @param {Lens} lens
+ * @param {number} width @param {number} height @param {Float32Array} linear */
+function addView(light, view, [cx, cy], weight, lens, width, height, linear) {
   for (let y = 0; y < height; y++) {
     for (let x = 0; x < width; x++) {
-      const slope = settings.slope + settings.tiltAcross * (x / width - 0.5) + settings.tiltDown * (y / height - 0.5);
+      const slope = localSlope(lens, [x / width, y / height]);
       const column = Math.round(x + (slope * cx * width) / WIDTH);
       const row = Math.round(y + (slope * cy * height) / HEIGHT);
       if (column < 0 || row < 0 || column >= width || row >= height) continue;
@@ -136,11 +286,14 @@ function add(light, view, [cx, cy], weight, settings, width, height, linear) {
   }
 }
 
+const REACH = reachOf(content.views.cameras);
+
+/** @param {HTMLCanvasElement} canvas @returns {Promise<Drawing>} */
 async function newLens(canvas) {
   const images = await Promise.all(content.views.pictures.map(decode));
-  [canvas.height, canvas.width] = content.views.size;
+  const masks = content.views.masks ? await Promise.all(content.views.masks.map(decode)) : null;
   const isPlain = new URLSearchParams(location.hash.slice(1)).has("plain");
-  const draw = isPlain ? null : glLens(canvas, images);
-  canvas.dataset.by = draw ? "webgl" : "canvas";
-  return draw || plainLens(canvas, images);
+  const drawing = isPlain ? null : glLens(canvas, images, masks);
+  canvas.dataset.by = drawing ? "webgl" : "canvas";
+  return drawing || plainLens(canvas, images);
 }

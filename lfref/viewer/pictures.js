@@ -1,25 +1,30 @@
 "use strict";
 // Content of the page; each picture is decoded once, when it is first needed.
 
-const content = JSON.parse(document.getElementById("content").textContent);
+const content = JSON.parse(/** @type {HTMLElement} */ (document.getElementById("content")).textContent || "");
 const [HEIGHT, WIDTH] = content.size;
+/** @type {Map<string, Promise<ImageBitmap>>} */
 const decoded = new Map();
 
+/** @param {string} uri */
 function decode(uri) {
-  if (!decoded.has(uri)) {
+  let bitmap = decoded.get(uri);
+  if (!bitmap) {
     const image = new Image();
     image.src = uri;
     // A bitmap stays decoded; the browser may drop the pixels of an image and decode it again.
-    decoded.set(uri, image.decode().then(() => createImageBitmap(image)));
+    bitmap = image.decode().then(() => createImageBitmap(image));
+    decoded.set(uri, bitmap);
   }
-  return decoded.get(uri);
+  return bitmap;
 }
 
+/** @param {string} text */
 function bytes(text) {
   return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 }
 
-// Disparity and confidence of each pixel.
+// Disparity and confidence of each pixel of the central view.
 const depth = {
   steps: new Uint16Array(bytes(content.depth.disparity).buffer),
   confidence: bytes(content.depth.confidence),
@@ -27,27 +32,27 @@ const depth = {
 const SURE = content.depth.least_confidence; // of 255
 const AROUND = 6; // pixels
 
-function slopeOf(pixel) {
+/** @param {number} pixel */
+function disparityOf(pixel) {
   return content.depth.low + (depth.steps[pixel] / 65535) * (content.depth.high - content.depth.low);
 }
 
-// Slope at a pixel of the picture: its own, or that of the most confident pixel around it, or unknown.
-function slopeAt(x, y) {
-  let best = y * WIDTH + x;
-  if (depth.confidence[best] >= SURE) return { slope: slopeOf(best), source: "pixel" };
+/** Index of the pixel at a point of the picture. @param {Point} at */
+function pixelAt([x, y]) {
+  const column = Math.min(WIDTH - 1, Math.max(0, Math.floor(x * WIDTH)));
+  return Math.min(HEIGHT - 1, Math.max(0, Math.floor(y * HEIGHT))) * WIDTH + column;
+}
+
+/** Disparity at a point: that of its pixel, or of the most confident pixel around it, or unknown. @param {Point} at */
+function disparityNear(at) {
+  let best = pixelAt(at);
+  if (depth.confidence[best] >= SURE) return { disparity: disparityOf(best), source: "pixel" };
+  const [x, y] = [best % WIDTH, Math.floor(best / WIDTH)];
   for (let row = Math.max(0, y - AROUND); row <= Math.min(HEIGHT - 1, y + AROUND); row++) {
     for (let column = Math.max(0, x - AROUND); column <= Math.min(WIDTH - 1, x + AROUND); column++) {
       const pixel = row * WIDTH + column;
       if (depth.confidence[pixel] > depth.confidence[best]) best = pixel;
     }
   }
-  return { slope: slopeOf(best), source: depth.confidence[best] >= SURE ? "neighbour" : "unknown" };
-}
-
-function nearestPlane(slope) {
-  let best = 0;
-  content.slopes.forEach((planeSlope, plane) => {
-    if (Math.abs(planeSlope - slope) < Math.abs(content.slopes[best] - slope)) best = plane;
-  });
-  return best;
+  return { disparity: disparityOf(best), source: depth.confidence[best] >= SURE ? "neighbour" : "unknown" };
 }

@@ -24,15 +24,25 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.functional import neighbours
 from lfref.io import atomic, images
+from lfref.lightfield import LightField
+from lfref.refocus.disparity import cost_volume
+from lfref.refocuser import filling
 from lfref.report import disparity_colours
 from lfref.report.refocused import Refocused
 
-PROGRAMS = ("pictures.js", "lens.js", "controls.js")
+PROGRAMS = ("geometry.js", "pictures.js", "lens.js", "page.js")
 """Files of the page's program, in the order of execution."""
 MOST_VIEW_PIXELS = 12_000_000
 """Most pixels of all views together. Larger views are made smaller, so that the page can be sent by mail."""
-JPEG_QUALITY = 88
+QUALITY = 80
+"""Quality of pictures, WebP or JPEG, from 1 to 100."""
+LEAST_SEEN, MOST_CROPPED = 0.5, 0.15
+"""Share of the views that see a pixel which is shown, and largest share of a side that is cropped away for it."""
+WINDOW, CENTRAL = 9, 0.35
+"""Size of the windows, in pixels, whose texture says what people look at, and the standard deviation of their distance
+from the middle, as a share of the picture's sides."""
 BAR_SIZE = 8, 256
 """Height and width of the colour bar in pixels."""
 DISPARITY_STEPS = 65535
@@ -51,9 +61,8 @@ def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[
     Raises:
         FileError: The file cannot be written.
     """
-    loaders = {"report": jinja2.PackageLoader("lfref.report", "."), "viewer": jinja2.PackageLoader("lfref.viewer", ".")}
     pages = jinja2.Environment(
-        loader=jinja2.PrefixLoader(loaders),
+        loader=jinja2.PrefixLoader({"viewer": jinja2.PackageLoader("lfref.viewer", ".")}),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -83,12 +92,13 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
         methods: Method -> the light field refocused to the same planes; the first method is the first on the page.
 
     Returns:
-        `size` [H, W]; `quantity` and `unit` of the planes' numbers, usually slopes; `slopes` (these numbers) and
-        `titles` of the planes, from the least to the largest; `start`, the first plane on the page; `methods`, each
-        with `name` and `planes` (pictures); `depth` with `low`, `high`, `disparity`, `confidence`, and
+        `size` [H, W]; `crop`, what is shown: left, top, right, bottom as shares of the sides; `quantity` and `unit` of
+        the planes' numbers, usually slopes; `slopes` (these numbers) and `titles` of the planes, from the least to the
+        largest; `near`, 1 if larger numbers are nearer and -1 if smaller ones are; `start` with `slope` and `plane`,
+        the focus at first; `methods`, each with `name` and `planes` (pictures); `depth` with `low`, `high`, `disparity`, `confidence`, and
         `least_confidence`, that of a known disparity; `sharp` and `map` (pictures); `scale` of the map's colours with
-        `low`, `high` and `bar` (a picture of them); `views` with `size`, `pictures` and `cameras` (x, y from the
-        middle, in view steps).
+        `low`, `high` and `bar` (a picture of them); `views` with `size`, `pictures`, `cameras` (x, y from the middle, in
+        view steps), and `masks`, pictures of the samples' weights, or None. Several methods have lossless pictures.
 
     Raises:
         InputError: There is no method, or the methods have different planes.
@@ -99,18 +109,24 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
     if any(refocused.planes != first.planes for refocused in methods.values()):
         raise InputError("all methods must be refocused to the same planes", got="others")
     slopes, confidence = (values.detach().double().cpu().numpy() for values in first.slope_and_confidence)
+    near = first.near_sign or -1
+    values = [first.planes.values[plane] for plane in first.by_slope]
+    start = _start(values, slopes, _interest(first, near * slopes, confidence))
+    encode = picture if len(methods) == 1 else lossless
     ends = disparity_colours.ends(slopes, first.planes.values)
     return {
         "size": list(first.field.size),
         "quantity": first.planes.quantity,
         "unit": first.planes.unit,
-        "slopes": [first.planes.values[plane] for plane in first.by_slope],
+        "crop": _crop(first.field),
+        "slopes": values,
+        "near": near,
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
         "methods": [
-            {"name": name, "planes": [picture(refocused.encoded(refocused.shown[plane])) for plane in first.by_slope]}
+            {"name": name, "planes": [encode(refocused.encoded(refocused.shown[plane])) for plane in first.by_slope]}
             for name, refocused in methods.items()
         ],
-        "start": _start([first.planes.values[plane] for plane in first.by_slope], slopes, confidence),
+        "start": start,
         "depth": _depth(slopes, confidence),
         "sharp": picture(first.encoded(first.sharp)),
         "map": picture(first.disparity_picture),
@@ -120,19 +136,52 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
 
 
 def picture(image: NDArray[np.floating]) -> str:
-    """An encoded image [H, W, 3] in [0, 1] as a JPEG in a data URI."""
+    """An encoded image [H, W, C] in [0, 1] as a WebP in a data URI, or as a JPEG if OpenImageIO writes no WebP."""
+    return _encoded(image, "webp" if images.writes(".webp") else "jpeg")
+
+
+def lossless(image: NDArray[np.floating]) -> str:
+    """An encoded image [H, W, C] in [0, 1] as a PNG in a data URI."""
+    return _encoded(image, "png")
+
+
+def _encoded(image: NDArray[np.floating], kind: str) -> str:
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "picture.jpg")
-        images.write_parts(path, [images.Part(image)], 8, JPEG_QUALITY)
-        return f"data:image/jpeg;base64,{_base64(path.read_bytes())}"
+        path = Path(folder, "picture" + images.FORMATS[kind].suffixes[0])
+        images.write_parts(path, [images.Part(image)], 8, QUALITY)
+        return f"data:image/{kind};base64,{_base64(path.read_bytes())}"
 
 
-def _start(planes: Sequence[float], slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> int:
-    """The plane nearest to the median slope, weighted by confidence."""
-    order = slopes.ravel().argsort()
-    weight = confidence.ravel()[order].cumsum()
-    middle = slopes.ravel()[order][int(np.searchsorted(weight, weight[-1] / 2))]
-    return int(np.abs(np.asarray(planes) - middle).argmin())
+def _interest(refocused: Refocused, nearness: NDArray[np.floating], confidence: NDArray[np.floating]) -> Tensor:
+    """How much each pixel is what people look at, [H, W]: textured, central, near, and of known disparity."""
+    height, width = refocused.field.size
+    grey = torch.from_numpy(refocused.encoded(refocused.sharp).mean(-1)).double()
+    texture = neighbours.box_mean(cost_volume.steepness(grey), WINDOW).sqrt()
+    y, x = (torch.linspace(-0.5, 0.5, length, dtype=torch.float64) for length in (height, width))
+    central = torch.exp(-(y[:, None].square() + x.square()) / (2 * CENTRAL**2))
+    low, high = np.quantile(nearness, (0.02, 0.98))
+    near = torch.from_numpy(((nearness - low) / max(high - low, 1e-9)).clip(0, 1))
+    return texture * central * (0.5 + near) * torch.from_numpy(confidence)
+
+
+def _start(planes: Sequence[float], slopes: NDArray[np.floating], interest: Tensor) -> dict[str, float]:
+    """The slope of what is looked at most, within the planes, and the plane nearest to it."""
+    slope = min(max(float(slopes.ravel()[int(interest.argmax())]), planes[0]), planes[-1])
+    return {"slope": round(slope, 4), "plane": int(np.abs(np.asarray(planes) - slope).argmin())}
+
+
+def _crop(field: LightField) -> list[float]:
+    """Left, top, right and bottom of the largest part, in the middle, whose corners are seen by most views."""
+    whole = [0.0, 0.0, 1.0, 1.0]
+    if field.weight is None or filling.view_weights(field.weight) is not None:
+        return whole
+    is_seen = filling.trusted(field.weight).double().mean((0, 1, 2)) >= LEAST_SEEN
+    height, width = field.size
+    for percent in range(int(100 * MOST_CROPPED) + 1):
+        top, left = round(percent / 100 * height), round(percent / 100 * width)
+        if bool(is_seen[[top, top, -1 - top, -1 - top], [left, -1 - left, left, -1 - left]].all()):
+            return [left / width, top / height, 1 - left / width, 1 - top / height]
+    return whole
 
 
 def _depth(slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> dict[str, Any]:
@@ -153,26 +202,39 @@ def _bar(low: float, high: float) -> NDArray[np.float64]:
 
 def _views(refocused: Refocused) -> dict[str, Any]:
     field = refocused.field
-    images = field.views.flatten(0, 1)
-    scale = min(1.0, math.sqrt(MOST_VIEW_PIXELS / (len(images) * math.prod(field.size))))
+    views = field.views.flatten(0, 1)
+    scale = min(1.0, math.sqrt(MOST_VIEW_PIXELS / (len(views) * math.prod(field.size))))
     size = [max(1, int(scale * length)) for length in field.size] if scale < 1 else list(field.size)
 
-    def shown(view: Tensor) -> str:
-        # One view at a time: all of them may be larger than all else of the page.
-        small = F.interpolate(view[None], size, mode="bilinear", antialias=True)[0] if scale < 1 else view
-        return picture(refocused.encoded(small))
+    def smaller(image: Tensor) -> Tensor:
+        return F.interpolate(image[None], size, mode="bilinear", antialias=True)[0] if scale < 1 else image
 
     positions = field.positions
     if positions is None:
         offsets = [geometry.angular_offsets(n_views) for n_views in field.grid]
         positions = torch.stack(torch.meshgrid(*offsets, indexing="ij"), -1)
     # Views without any weight are missing.
-    weights = torch.ones(len(images)) if field.weight is None else field.weight.flatten(0, 1).flatten(1).amax(1)
+    weights = torch.ones(len(views)) if field.weight is None else field.weight.flatten(0, 1).flatten(1).amax(1)
     kept = weights.nonzero()[:, 0].tolist()
+    has_masks = field.weight is not None and filling.view_weights(field.weight) is None
+
+    # One view at a time: all of them may be larger than all else of the page.
+    def shown(n: int) -> str:
+        view = views[n]
+        if field.weight is not None and has_masks:
+            # Samples without weight would darken those beside them.
+            view = torch.lerp(refocused.mean, view, (field.weight.flatten(0, 1)[n] / weights[n]).to(view).clamp(0, 1))
+        return picture(refocused.encoded(smaller(view)))
+
+    def mask(n: int) -> str:
+        assert field.weight is not None
+        return lossless(smaller(field.weight.flatten(0, 1)[n] / weights.amax()).permute(1, 2, 0).float().numpy())
+
     cameras = positions.flatten(0, 1)[kept].tolist()
     return {
         "size": size,
-        "pictures": [shown(images[n]) for n in kept],
+        "pictures": [shown(n) for n in kept],
+        "masks": [mask(n) for n in kept] if has_masks else None,
         "cameras": [[round(x, 4), round(y, 4)] for y, x in cameras],
     }
 

@@ -1,0 +1,198 @@
+"use strict";
+// What the page computes without a browser: the lens, what a point of the picture shows, where the picture lies in the
+// window, and the address. Points of the picture are [x, y], shares of its width and height. Cameras and viewpoints are
+// [x, y] in view steps from the middle of the grid; slopes and disparities are in pixels per view step.
+
+/**
+ * @typedef {{ slope: number, x: number, y: number, aperture: number, tiltX: number, tiltY: number, shape: string }} Lens
+ * Focus, viewpoint, width of the aperture in view steps, change of the slope from edge to edge, shape of the aperture.
+ * @typedef {{ zoom: number, x: number, y: number }} Place  Zoom, and the point of the picture in the window's middle.
+ * @typedef {{ left: number, top: number, width: number, height: number }} Box  In pixels of the window.
+ * @typedef {[number, number]} Point
+ */
+
+/** Norms by which the distance of a camera from the middle of the aperture is measured.
+ * @type {Record<string, (x: number, y: number) => number>} */
+const SHAPES = {
+  square: (x, y) => Math.max(Math.abs(x), Math.abs(y)),
+  disc: (x, y) => Math.hypot(x, y),
+  hexagon: (x, y) => Math.max(Math.abs(x), 0.5 * Math.abs(x) + 0.866 * Math.abs(y)),
+  heart: heartNorm,
+};
+const MOST_ZOOM = 8;
+const HELD = 0.5; // pixels: largest blur, in the outermost view, of a plane that stands for a slope nearby
+
+/** Norm whose unit ball is a heart, point down. @param {number} x @param {number} y */
+function heartNorm(x, y) {
+  const [across, up] = [Math.abs(x), -y];
+  // Bisection: the heart (x^2 + y^2 - 1)^3 = x^2 y^3, in a box of about 2 by 2, is star-shaped about its middle.
+  let [low, high] = [0, 16 * (across + Math.abs(up)) + 1e-9];
+  for (let step = 0; step < 24; step++) {
+    const scale = (low + high) / 2;
+    const [a, b] = [(1.15 * across) / scale, (1.15 * up) / scale + 0.1];
+    if ((a * a + b * b - 1) ** 3 > a * a * b ** 3) low = scale;
+    else high = scale;
+  }
+  return high;
+}
+
+/** Largest distance of the cameras from the middle along x and y. @param {Point[]} cameras @returns {Point} */
+function reachOf(cameras) {
+  return [Math.max(...cameras.map(([x]) => Math.abs(x))), Math.max(...cameras.map(([, y]) => Math.abs(y)))];
+}
+
+/** Width of the aperture that fits around the viewpoint: beyond the grid there are no cameras.
+ * @param {Lens} lens @param {Point} reach */
+function fittingAperture(lens, reach) {
+  const shares = [[reach[0], lens.x], [reach[1], lens.y]].map(([most, at]) => (most > 0 ? 1 - Math.abs(at) / most : 1));
+  return Math.max(0, Math.min(lens.aperture, 2 * Math.max(...reach) * Math.min(...shares)));
+}
+
+/** Weight of each camera; of a pinhole, those of linear interpolation between the cameras around it.
+ * @param {Point[]} cameras @param {Lens} lens @param {Point} reach @returns {number[]} */
+function cameraWeights(cameras, lens, reach) {
+  const [distance, aperture] = [SHAPES[lens.shape], fittingAperture(lens, reach)];
+  return cameras.map(([x, y]) => {
+    const [dx, dy] = [x - lens.x, y - lens.y];
+    if (aperture === 0) return Math.max(0, 1 - Math.abs(dx)) * Math.max(0, 1 - Math.abs(dy));
+    return Math.min(1, Math.max(0, aperture / 2 + 1 - distance(dx, dy)));
+  });
+}
+
+/** Slope of the focal plane at a point. @param {Lens} lens @param {Point} at */
+function localSlope(lens, [x, y]) {
+  return lens.slope + lens.tiltX * (x - 0.5) + lens.tiltY * (y - 0.5);
+}
+
+/** Focus that makes a point of the central view sharp, under any tilt. @param {Lens} lens @param {Point} at @param {number} disparity */
+function focusOn(lens, at, disparity) {
+  return disparity - (localSlope(lens, at) - lens.slope);
+}
+
+/**
+ * The point of the central view that is seen at a point of the picture. From the viewpoint c, a point q of disparity d
+ * lies at q + (d - s) c: the nearest surface that comes to lie there is seen.
+ * @param {Lens} lens
+ * @param {Point} at
+ * @param {(at: Point) => number} disparityAt
+ * @param {{ low: number, high: number, near: number, size: Point }} scene  Ends of the disparities, 1 if larger ones
+ *   are nearer and -1 if smaller ones are, width and height of the picture in pixels.
+ * @returns {Point}
+ */
+function pointSeen(lens, at, disparityAt, scene) {
+  if (lens.x === 0 && lens.y === 0) return at;
+  const slope = localSlope(lens, at);
+  const n = 128;
+  const step = (scene.high - scene.low) / n;
+  /** @type {Point} */
+  let best = at;
+  let least = Infinity;
+  for (let k = 0; k <= n; k++) {
+    const disparity = scene.near > 0 ? scene.high - k * step : scene.low + k * step;
+    /** @type {Point} */
+    const from = [
+      at[0] + ((slope - disparity) * lens.x) / scene.size[0],
+      at[1] + ((slope - disparity) * lens.y) / scene.size[1],
+    ];
+    if (Math.min(...from) < 0 || Math.max(...from) > 1) continue;
+    const miss = Math.abs(disparityAt(from) - disparity);
+    if (miss <= step) return from;
+    if (miss < least) [least, best] = [miss, from];
+  }
+  return best;
+}
+
+/** Plane nearest to a slope. @param {number[]} slopes @param {number} slope */
+function nearestPlane(slopes, slope) {
+  let best = 0;
+  slopes.forEach((each, plane) => {
+    if (Math.abs(each - slope) < Math.abs(slopes[best] - slope)) best = plane;
+  });
+  return best;
+}
+
+/** Plane that shows what the lens shows, or -1: whole aperture, middle viewpoint, no tilt, and a slope so near that no
+ * view is blurred by more than `HELD`. @param {number[]} slopes @param {Lens} lens @param {Lens} whole @param {Point} reach */
+function heldPlane(slopes, lens, whole, reach) {
+  const isWhole = lens.aperture >= whole.aperture && lens.shape === whole.shape;
+  if (!isWhole || lens.x !== 0 || lens.y !== 0 || lens.tiltX !== 0 || lens.tiltY !== 0) return -1;
+  const plane = nearestPlane(slopes, lens.slope);
+  return Math.abs(slopes[plane] - lens.slope) * Math.max(...reach) <= HELD ? plane : -1;
+}
+
+/** Where the whole picture lies in the window, of which it fills one direction at zoom 1.
+ * @param {Place} place @param {Point} window @param {[number, number, number, number]} crop  Left, top, right, bottom: what is shown.
+ * @param {Point} size  Width and height of the picture in pixels. @returns {Box} */
+function boxOf(place, window, crop, size) {
+  const shown = [(crop[2] - crop[0]) * size[0], (crop[3] - crop[1]) * size[1]];
+  const scale = place.zoom * Math.min(window[0] / shown[0], window[1] / shown[1]);
+  const [width, height] = [scale * size[0], scale * size[1]];
+  return { left: window[0] / 2 - place.x * width, top: window[1] / 2 - place.y * height, width, height };
+}
+
+/** Point of the picture under a point of the window. @param {Box} box @param {number} x @param {number} y @returns {Point} */
+function pointUnder(box, x, y) {
+  return [(x - box.left) / box.width, (y - box.top) / box.height];
+}
+
+/** Zoom by a factor such that a point of the window keeps what it shows.
+ * @param {Place} place @param {number} factor @param {Point} fixed  Point of the picture that stays where it is.
+ * @param {[number, number, number, number]} crop @returns {Place} */
+function zoomed(place, factor, fixed, crop) {
+  const zoom = Math.min(MOST_ZOOM, Math.max(1, place.zoom * factor));
+  const by = place.zoom / zoom;
+  return inside({ zoom, x: fixed[0] + (place.x - fixed[0]) * by, y: fixed[1] + (place.y - fixed[1]) * by }, crop);
+}
+
+/** The place, with the picture's edges kept out of the window's inner part. @param {Place} place
+ * @param {[number, number, number, number]} crop @returns {Place} */
+function inside(place, crop) {
+  const keep = (/** @type {number} */ at, /** @type {number} */ low, /** @type {number} */ high) => {
+    const room = ((high - low) / 2) * (1 - 1 / place.zoom);
+    return Math.min((low + high) / 2 + room, Math.max((low + high) / 2 - room, at));
+  };
+  return { zoom: place.zoom, x: keep(place.x, crop[0], crop[2]), y: keep(place.y, crop[1], crop[3]) };
+}
+
+const FIELDS = { f: "slope", x: "x", y: "y", a: "aperture", tx: "tiltX", ty: "tiltY" };
+
+/** Text of the address for what differs from the start, such as `f=-0.71&x=.2&a=4`. @param {Lens} lens @param {Place} place
+ * @param {Lens} whole */
+function addressOf(lens, place, whole) {
+  const words = [];
+  const short = (/** @type {number} */ value) => String(Number(value.toFixed(3))).replace(/^(-?)0\./, "$1.");
+  for (const [name, key] of Object.entries(FIELDS)) {
+    if (name === "f" || Math.abs(lens[key] - whole[key]) > 5e-4) words.push(`${name}=${short(lens[key])}`);
+  }
+  if (lens.shape !== whole.shape) words.push(`shape=${lens.shape}`);
+  if (place.zoom > 1) words.push(`z=${short(place.zoom)}`, `at=${short(place.x)},${short(place.y)}`);
+  return words.join("&");
+}
+
+/** Lens and place that an address names; what it does not name, or names wrongly, is as in `whole` and `start`.
+ * @param {string} text @param {Lens} whole @param {Place} start @param {{ low: number, high: number, reach: Point }} limits
+ * @returns {{ lens: Lens, place: Place, names: string[] }} */
+function stateOf(text, whole, start, limits) {
+  const words = new URLSearchParams(text);
+  const number = (/** @type {string} */ name, /** @type {number} */ least, /** @type {number} */ most, /** @type {number} */ other) => {
+    const value = words.has(name) && words.get(name) !== "" ? Number(words.get(name)) : NaN;
+    return Number.isFinite(value) ? Math.min(most, Math.max(least, value)) : other;
+  };
+  const { low, high, reach } = limits;
+  const range = Math.max(high - low, 1e-6);
+  const shape = words.get("shape") || "";
+  const lens = {
+    slope: number("f", low - range, high + range, whole.slope),
+    x: number("x", -reach[0], reach[0], whole.x),
+    y: number("y", -reach[1], reach[1], whole.y),
+    aperture: number("a", 0, whole.aperture, whole.aperture),
+    tiltX: number("tx", -4 * range, 4 * range, 0),
+    tiltY: number("ty", -4 * range, 4 * range, 0),
+    shape: Object.hasOwn(SHAPES, shape) ? shape : whole.shape,
+  };
+  const at = (words.get("at") || "").split(",").map(Number);
+  const zoom = number("z", 1, MOST_ZOOM, start.zoom);
+  const isAt = zoom > 1 && at.length === 2 && at.every(Number.isFinite);
+  const place = isAt ? { zoom, x: at[0], y: at[1] } : { ...start, zoom };
+  return { lens, place, names: [...words.keys()] };
+}
