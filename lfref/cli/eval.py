@@ -1,25 +1,27 @@
 """`lfref eval`: evaluate checkpoints and operators plane by plane, and draw the paper's two figures."""
 
+import json
 from pathlib import Path
 
 import pandas as pd
 import torch
 from omegaconf import DictConfig
 
-from lfref.bench import accuracy
+from lfref.bench import accuracy, timing
 from lfref.cli import config as configs
 from lfref.cli import shards, steps
 from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.steps import fixed_planes
 from lfref.data.label_sources import Labels
 from lfref.errors import InputError, counted
+from lfref.io import atomic
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
-from lfref.report import comparison, drawing, plots, tables
+from lfref.report import answers, comparison, drawing, plots, tables
 
 
 def evaluate(config: DictConfig, folder: Path) -> None:
-    """Write `planes.csv`, `summary.csv`, `scatter.png`, `quality_by_plane.png` and one comparison per light field."""
+    """Write `planes.csv`, `summary.csv`, `machine.json`, two plots, and one comparison per light field."""
     device = device_of(config.device)
     planes = fixed_planes(config)
     references: dict[str, Labels] = configs.build(config.references)
@@ -40,10 +42,16 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         drawing.save_figure(figure, folder / "comparison" / f"{field.name}.png")
     table = pd.DataFrame(rows)
     summary = accuracy.summaries(table)
+    summary["is_network"] = summary["method"].isin([method.name for method in methods if method.is_network])
     tables.write_table(folder / "planes.csv", table)
     tables.write_table(folder / "summary.csv", summary)
-    drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
-    drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
+    atomic.write_text(folder / "machine.json", json.dumps(timing.facts(device), indent=2) + "\n")
+    if not tables.judged_by_others(summary).empty:
+        if len(fields) > 1:  # of one light field the table says all
+            drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
+        drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
+    if (answer := answers.of_evaluation(summary)) is not None:
+        log.info(answer.sentence)
     log.info("%s, %s: %s", counted(len(fields), "light field"), counted(len(methods), "method"), folder / "summary.csv")
 
 

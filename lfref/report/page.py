@@ -23,11 +23,11 @@ _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: heading, text, then figures, then tables."""
+    """A part of the page: heading, answer, crops, the first figure, text, the other figures, tables."""
 
     title: str
     text: str = ""
-    """Plain text; an empty line starts a paragraph."""
+    """How to read what is shown, as plain text; an empty line starts a paragraph."""
     figures: Mapping[str, Figure | str | Path] = field(default_factory=dict)
     """Caption -> figure, or a PNG file; screen readers read the caption too."""
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
@@ -36,9 +36,13 @@ class Section:
     """Reason why the section has no content."""
     files: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     """Name of a CSV file beside the page -> its table."""
+    answer: str = ""
+    """What the run answers, with its figures, in one sentence."""
+    crops: Mapping[str, str | Path] = field(default_factory=dict)
+    """Caption -> PNG file; all are shown in one row."""
 
     def __post_init__(self) -> None:
-        for picture in self.figures.values():
+        for picture in (*self.crops.values(), *self.figures.values()):
             if not isinstance(picture, Figure):
                 _read_png(Path(picture))
         for table in self.tables.values():
@@ -51,8 +55,8 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
     Args:
         path: HTML file to write, usually `index.html`; an older one is replaced.
         title: Heading of the page.
-        sections: Sections in reading order; more than three get a list of contents.
-        facts: Facts below the title, such as device and date.
+        sections: Sections in reading order; several get a list of their titles and answers.
+        facts: Machine and versions, at the end of the page.
     """
     page = jinja2.Environment(
         loader=jinja2.PackageLoader("lfref.report", "."),

@@ -1,12 +1,14 @@
 """Sections of the report page, made from the files in run folders; a multirun becomes a table of its variants."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
+from matplotlib.figure import Figure
 
+from lfref.bench.timing import FFT
 from lfref.errors import FileError, InputError, LfrefError
-from lfref.report import accuracy_time, bench_plots, plots, stability_table, sweeps, tables
+from lfref.report import accuracy_time, answers, bench_plots, crops, plots, stability_table, sweeps, tables
 from lfref.report.page import Section
 
 METRICS = "log/metrics.csv"
@@ -81,7 +83,7 @@ def training(folder: Path) -> Section:
     metrics = tables.read_table(folder / METRICS)
     values = tables.require_numbers(metrics, "val/mpsnr")["val/mpsnr"]
     first, best = values.iloc[0], values.max()
-    text = (
+    answer = (
         f"Against its own labels the network went from {first:.2f} dB MPSNR at its first validation to {best:.2f} dB "
         f"at its best, a rise of {best - first:.2f} dB."
     )
@@ -94,7 +96,7 @@ def training(folder: Path) -> Section:
     for pattern, caption in PICTURES.items():
         if pictures := sorted((folder / "pictures").glob(pattern)):
             last = {caption: pictures[-1]}
-    return Section("Training", text, {**figures, **last})
+    return Section("Training", answer=answer, figures={**figures, **last})
 
 
 def evaluation(folder: Path) -> Section:
@@ -103,25 +105,32 @@ def evaluation(folder: Path) -> Section:
     summary, planes = (
         pd.concat([tables.read_table(part / name) for part in parts], ignore_index=True) for name in (SUMMARY, PLANES)
     )
-    text = (
-        "Every method against both label sources, over the whole frame. None of the labels is the truth; they are the "
-        "sources that a network can be trained on. PSNR is capped at 100 dB."
+    by_truth = summary["reference"].isin(tables.TRUTHS).all() if "reference" in summary else False
+    text = "Every method against every reference, over the whole frame. " + (
+        "The reference is the picture of a lens. "
+        if by_truth
+        else "Labels are what a network can be trained on, and only `rendered` is the truth, the picture of a lens. "
     )
+    text += "A method is left out where it is its own reference. PSNR is capped at 100 dB."
     if parts != [folder]:
         _check_no_overlap(folder, summary)
         missing = sorted(path.parent.name for path in folder.glob(f"*/{CONFIG}") if path.parent not in parts)
         text += f" Jobs joined: {len(parts)}" + (f"; without a result: {', '.join(missing)}." if missing else ".")
-    figures = {
-        "MPSNR against MSSIM, one point per light field": plots.scatter(summary),
-        "Quality by plane": plots.quality_by_plane(planes),
-    }
-    drawn = sorted(path for part in parts for path in (part / "comparison").glob("*.png"))
-    comparisons = {f"Comparison on {path.stem}": path for path in drawn[:1]}
-    groups = tables.require_numbers(summary, "mpsnr_db", "mssim").groupby(plots.SERIES, sort=False, dropna=False)
+    shown = tables.require_numbers(tables.judged_by_others(summary), "mpsnr_db", "mssim")
+    groups = shown.groupby(plots.SERIES, sort=False, dropna=False)
     means = groups.agg(mpsnr_db=("mpsnr_db", "mean"), mssim=("mssim", "mean"), light_fields=("mssim", "size"))
+    n_fields = summary["light_field"].nunique()
+    caption = "Means over all light fields" if n_fields > 1 else f"Figures of {summary['light_field'].iloc[0]}"
+    answer = answers.of_evaluation(summary)
+    worst = summary["light_field"].iloc[0] if answer is None else answer.worst
+    drawn = [path for part in parts for path in (part / "comparison").glob("*.png") if path.stem == worst]
+    figures: dict[str, Figure | str | Path] = {f"Comparison on {path.stem}": path for path in drawn[:1]}
+    if n_fields > 1:
+        figures["MPSNR against MSSIM, one point per light field"] = plots.scatter(summary)
+    figures["Quality by plane"] = plots.quality_by_plane(planes)
     files = {} if parts == [folder] else {SUMMARY: summary, PLANES: planes}
-    shown = {"Means over all light fields": means.reset_index()}
-    return Section("Evaluation", text, {**figures, **comparisons}, shown, files=files)
+    sentence = "" if answer is None else answer.sentence
+    return Section("Evaluation", text, figures, {caption: means.reset_index()}, files=files, answer=sentence)
 
 
 def _check_no_overlap(folder: Path, summary: pd.DataFrame) -> None:
@@ -144,19 +153,37 @@ def refocusing(folder: Path) -> Section:
 
 def benchmark(folder: Path) -> Section:
     """Accuracy against time, of `lfref bench`."""
-    rows, planes = (tables.read_table(folder / f"{name}.csv") for name in ("bench", "planes"))
+    rows, scenes = (tables.read_table(folder / f"{name}.csv") for name in ("bench", "scenes"))
     text = (
-        "Time for the whole stack of one light field, beside NumPy's 4-D FFT of the three channels in the same run, "
-        "which Fourier-slice refocusing needs before its first plane. Accuracy in the interior, against the reference "
-        "of each class: truth is the picture of a lens; exact_fourier, used where no truth is known, measures how an "
-        "operator forms the sum, and not how good the picture is; dense_integral, of all views of a capture, is "
-        "evidence of the second rank: at edges it knows no more than views do. In a mean, a PSNR counts by at most "
+        "Time is that of the whole stack of one light field; its unit is NumPy's 4-D FFT of the three channels in the "
+        "same run, which Fourier-slice refocusing needs before its first plane. Accuracy is that of the interior, "
+        "against the reference of each class. Truth is the picture of a lens: only by it there is a front. "
+        "exact_fourier, used where no truth is known, shows how an operator forms the sum, and not how good the "
+        "picture is; dense_integral, of all views of a capture, is evidence of the second rank: at edges it knows no "
+        "more than views do. A method is left out where it is its own reference. In a mean, a PSNR counts by at most "
         "70 dB; the median and the worst plane stand beside it."
     )
-    figures = {"Accuracy against time": accuracy_time.accuracy_time(rows), "By plane": plots.psnr_by_plane(planes)}
-    classes = rows.dropna(subset="class").groupby("class", sort=False)
-    by_class = {f"All figures: {name}": group.reindex(columns=ACCURACY_COLUMNS) for name, group in classes}
-    return Section("Accuracy against time", text, figures, by_class)
+    tables.require(rows, "method", "median_s", "class", "reference")
+    classes = {str(name): group for name, group in rows.dropna(subset="class").groupby("class", sort=False)}
+    figures = _fronts(rows[rows["method"] == FFT], classes)
+    if (folder / "planes.csv").is_file():  # scenes of wide baselines have no planes in common
+        figures["By plane"] = plots.psnr_by_plane(tables.read_table(folder / "planes.csv"))
+    by_class = {
+        f"All figures: {name}": tables.judged_by_others(group).reindex(columns=ACCURACY_COLUMNS)
+        for name, group in classes.items()
+    }
+    answer = answers.of_bench(rows, scenes)
+    sentence, shown = ("", {}) if answer is None else (answer.sentence, crops.read(folder, answer))
+    return Section("Accuracy against time", text, figures, by_class, answer=sentence, crops=shown)
+
+
+def _fronts(fft: pd.DataFrame, classes: Mapping[str, pd.DataFrame]) -> dict[str, Figure | str | Path]:
+    """Caption -> plot of a class, beside the time of the FFT."""
+    return {
+        f"Accuracy against time: {name}": accuracy_time.accuracy_time(pd.concat([fft, group]))
+        for name, group in classes.items()
+        if accuracy_time.has_plot(group)
+    }
 
 
 def error_causes(folder: Path) -> Section:

@@ -1,0 +1,52 @@
+"""Crops are cut where our picture is worst, all at the same place."""
+
+import numpy as np
+import pytest
+import torch
+
+from lfref.io import images
+from lfref.report import crops
+from lfref.report.answers import Answer
+
+ROWS, COLUMNS = slice(40, 112), slice(60, 132)
+"""The part that is worst."""
+
+
+def answer(reference="truth", other="sum"):
+    return Answer("ideal", reference, "net", other, True, {"dome": 1.0}, [])
+
+
+def pictures():
+    """View, ours, other and reference, of which ours is wrong in one place, and more so on the border."""
+    view, other, reference = (torch.rand(3, 160, 200, generator=torch.Generator().manual_seed(n)) / 2 for n in range(3))
+    ours = reference.clone()
+    ours[:, ROWS, COLUMNS] += 0.1
+    ours[:, :8] += 0.4
+    return view, ours, other, reference
+
+
+def test_crops_are_of_the_worst_part_of_the_interior(tmp_path):
+    view, ours, other, reference = pictures()
+    crops.write(tmp_path, view, ours, other, reference, margin=8)
+    found = crops.read(tmp_path, answer())
+    assert list(found) == ["Centre view", "sum", "net", "Truth", "Difference of net, times 4"]
+    expected = [view, other, ours, reference, torch.full_like(view, 0.4)]
+    for file, picture in zip(found.values(), expected, strict=True):
+        shown = images.to_float(images.read_image(file))
+        assert shown.shape == (crops.SIDE, crops.SIDE, 3)
+        np.testing.assert_allclose(shown, picture[:, ROWS, COLUMNS].permute(1, 2, 0), atol=1 / 255)
+
+
+def test_small_pictures_are_shown_whole_and_a_method_alone_has_four(tmp_path):
+    view, ours, _, reference = (picture[:, :30, :40] for picture in pictures())
+    crops.write(tmp_path, view, ours, None, reference)
+    found = crops.read(tmp_path, answer(other=None))
+    assert list(found) == ["Centre view", "net", "Truth", "Difference of net, times 4"]
+    assert {images.image_size(file) for file in found.values()} == {(30, 30)}
+
+
+@pytest.mark.parametrize(("reference", "caption"), [("rendered", "Truth"), ("exact", "exact, which is not the truth")])
+def test_the_caption_says_whether_the_reference_is_the_truth(tmp_path, reference, caption):
+    crops.write(tmp_path, *pictures())
+    assert list(crops.read(tmp_path, answer(reference)))[3] == caption
+    assert crops.read(tmp_path / "other", answer()) == {}
