@@ -51,7 +51,7 @@ def accuracy_time(rows: pd.DataFrame) -> Figure:
     methods = methods[methods["median_s"].between(0, math.inf, inclusive="neither")]
     in_units = methods.assign(**{column: methods[column] / unit for column in SPANS})
     classes = list(in_units.groupby(["class", "reference"], sort=False, dropna=False))
-    figure = new_figure(9, 1 + 4.4 * len(classes))
+    figure = new_figure(9, 0.6 + 4.5 * len(classes))
     panels = figure.subplots(len(classes), squeeze=False)[:, 0]
     for axes, ((name, reference), methods) in zip(panels, classes, strict=True):
         axes.set_xscale("log")

@@ -29,47 +29,39 @@ class Answer:
     other: str | None
     """The method that ours is compared with; None: there is no other."""
     other_is_best_classical: bool
+    gain_db: float | None
+    """PSNR of ours less that of the other; None: there is no other."""
     scores: Mapping[str, float]
-    """Scene -> PSNR of ours less that of the other, or the PSNR of ours, in dB."""
+    """Scene -> PSNR of ours in dB."""
     times: Sequence[float]
     """Times of ours and of the other in `numpy_ffts`; empty where none were measured."""
 
     @property
     def worst(self) -> str:
-        """The scene where ours is the least better, or the farthest from the reference."""
+        """The scene where ours is the farthest from the reference."""
         return min(self.scores, key=lambda scene: self.scores[scene])
 
     @property
     def sentence(self) -> str:
         """The answer in one sentence with its figures."""
-        mean = sum(self.scores.values()) / len(self.scores)
-        if len(self.scores) == 1:
-            where, worst = f"On {self.worst}", ""
-        else:
-            where, worst = f"On {len(self.scores)} {self._what}", f", worst on {self.worst} ({self._worst_figure})"
+        n_scenes, what = len(self.scores), f"scenes ({self.kind})" if self.reference == TRUTH else "light fields"
+        where = f"On {n_scenes} {what}" if n_scenes > 1 else f"On {self.worst}"
         if self.reference not in TRUTHS:
             where += f", judged by {self.reference} and not by the truth"
-        return f"{where}, {self.ours} {self._compared(mean)}{worst}{self._cost}."
+        worst = f", worst on {self.worst} ({self.scores[self.worst]:.1f} dB)" if n_scenes > 1 else ""
+        return f"{where}, {self.ours} {self._compared}{worst}{self._cost}."
 
     @property
-    def _what(self) -> str:
-        return f"scenes ({self.kind})" if self.reference == TRUTH else "light fields"
-
-    @property
-    def _worst_figure(self) -> str:
-        figure = self.scores[self.worst]
-        return (f"{figure:.1f} dB" if self.other is None else f"{figure:+.1f} dB").replace("-", tables.MINUS)
-
-    def _compared(self, mean: float) -> str:
-        if self.other is None:
-            return f"has {mean:.1f} dB"
+    def _compared(self) -> str:
+        if self.gain_db is None:
+            return f"has {sum(self.scores.values()) / len(self.scores):.1f} dB"
         first = "best" if self.reference in TRUTHS else "nearest"
         rank = f"the {first} classical method" if self.other_is_best_classical else "the next method"
-        if abs(mean) < SAME_DB:
+        if abs(self.gain_db) < SAME_DB:
             words = "as good as" if self.reference in TRUTHS else f"as near to {self.reference} as"
             return f"is {words} {rank}, {self.other}"
         above, below = ("better", "worse") if self.reference in TRUTHS else ("nearer to it", "farther from it")
-        return f"is {abs(mean):.1f} dB {above if mean > 0 else below} than {rank}, {self.other}"
+        return f"is {abs(self.gain_db):.1f} dB {above if self.gain_db > 0 else below} than {rank}, {self.other}"
 
     @property
     def _cost(self) -> str:
@@ -128,7 +120,7 @@ def _answer(
     is_mixed = bool(is_network.any() and not is_network.all())
     order = [ranked[is_network].iloc[0], ranked[~is_network].iloc[0]] if is_mixed else [*ranked.iloc[:2].iloc]
     ours, *others = (str(row["method"]) for row in order)
-    by_scene = per_scene.pivot_table(score, scene, "method", sort=False)
-    scores = by_scene[ours] - by_scene[others[0]] if others else by_scene[ours]
+    gain = float(order[0][score] - order[1][score]) if others else None
+    of_ours = per_scene[per_scene["method"] == ours].groupby(scene, sort=False)[score].mean().dropna()
     times = [float(row["numpy_ffts"]) for row in order] if "numpy_ffts" in methods else []
-    return Answer(kind, reference, ours, others[0] if others else None, is_mixed, scores.dropna().to_dict(), times)
+    return Answer(kind, reference, ours, others[0] if others else None, is_mixed, gain, of_ours.to_dict(), times)

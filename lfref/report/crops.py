@@ -4,6 +4,7 @@ The part is where our picture is farthest from the reference. One story in two c
 the files, `lfref report` shows them.
 """
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -21,8 +22,8 @@ from lfref.report.tables import TRUTHS
 FOLDER = "crops"
 SIDE = 72
 """Side of the part in pixels; the whole interior where that is smaller."""
-AMPLIFIED = 4
-"""Factor of the difference, so that it is seen."""
+MOST_AMPLIFIED = 64
+"""Largest factor of a difference: beyond it, the steps of 8 bits would be seen."""
 
 
 def write(folder: Path, view: Tensor, ours: Tensor, other: Tensor | None, reference: Tensor, margin: int = 0) -> None:
@@ -39,12 +40,16 @@ def write(folder: Path, view: Tensor, ours: Tensor, other: Tensor | None, refere
     error = (ours - reference).square().mean(0)
     top, left, side = _worst_part(error, margin)
     row = {"view": view, "other": other, "ours": ours, "reference": reference}
-    row["difference"] = ((ours - reference).abs() * AMPLIFIED).clamp(max=1)
-    for name, picture in row.items():
-        if picture is not None:
-            part = picture[:, top : top + side, left : left + side]
-            shown = pictures.for_display(part, encoding=NONE)
-            images.write_image(folder / FOLDER / f"{name}.png", np.ascontiguousarray(shown))
+    parts = {
+        name: picture[:, top : top + side, left : left + side] for name, picture in row.items() if picture is not None
+    }
+    difference = torch.nan_to_num(parts["ours"] - parts["reference"]).abs()
+    # The largest power of two by which no difference is cut.
+    factor = 2 ** math.floor(math.log2(1 / max(float(difference.max()), 1 / MOST_AMPLIFIED)))
+    parts[f"difference_{factor}"] = difference * factor
+    for name, part in parts.items():
+        shown = pictures.for_display(part, encoding=NONE)
+        images.write_image(folder / FOLDER / f"{name}.png", np.ascontiguousarray(shown))
 
 
 def _worst_part(error: Tensor, margin: int) -> tuple[int, int, int]:
@@ -63,7 +68,8 @@ def read(folder: Path, answer: Answer) -> Mapping[str, Path]:
         "other": answer.other or "",
         "ours": answer.ours,
         "reference": "Truth" if answer.reference in TRUTHS else f"{answer.reference}, which is not the truth",
-        "difference": f"Difference of {answer.ours}, times {AMPLIFIED}",
     }
     files = {caption: folder / FOLDER / f"{name}.png" for name, caption in captions.items()}
+    for file in (folder / FOLDER).glob("difference_*.png"):
+        files[f"Difference \N{MULTIPLICATION SIGN} {file.stem.partition('_')[2]}"] = file
     return {caption: file for caption, file in files.items() if file.is_file()}

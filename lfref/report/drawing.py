@@ -95,8 +95,8 @@ def draw_curves(figure: FigureBase, curves: Mapping[str, Curve], x: str, y: str,
         for xs, ys, _ in curves.values():
             axes.plot(xs, ys, color=PALE, linewidth=0.8, zorder=1)
         axes.plot(own_x, own_y, zorder=3, **style | {"color": BLUE, "marker": "o", "markersize": 3, "label": "_"})
-        style_axes(axes, "", "", name.replace("\n", " "), pad=3)
-        axes.title.set_fontsize(8)
+        style_axes(axes, "", "", "")
+        axes.set_title(name, fontsize=8, loc="left", color=BLACK, pad=3)
     for axes in panels[-COLUMNS:]:
         axes.xaxis.set_tick_params(labelbottom=True)
         axes.set_xlabel(x, fontsize=9)

@@ -167,7 +167,10 @@ def benchmark(folder: Path) -> Section:
     classes = {str(name): group for name, group in rows.dropna(subset="class").groupby("class", sort=False)}
     figures = _fronts(rows[rows["method"] == FFT], classes)
     if (folder / "planes.csv").is_file():  # scenes of wide baselines have no planes in common
-        figures["By plane"] = plots.psnr_by_plane(tables.read_table(folder / "planes.csv"))
+        planes = tables.read_table(folder / "planes.csv")
+        tables.require(planes, "class")
+        by_plane = tables.judged_by_others(planes).groupby("class", sort=False)
+        figures |= {f"By plane: {name}": plots.psnr_by_plane(group) for name, group in by_plane}
     by_class = {
         f"All figures: {name}": tables.judged_by_others(group).reindex(columns=ACCURACY_COLUMNS)
         for name, group in classes.items()
