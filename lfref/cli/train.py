@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import json
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -15,6 +16,7 @@ from lightning.pytorch import Callback, LightningDataModule, Trainer, seed_every
 from omegaconf import DictConfig
 
 from lfref import __version__, extras
+from lfref.bench import timing
 from lfref.cli import config as configs
 from lfref.cli import resume, wandb_runs
 from lfref.cli.command import command, log, quiet_libraries
@@ -22,6 +24,7 @@ from lfref.cli.exit_codes import fail
 from lfref.cli.run_folder import is_first_process
 from lfref.cli.steps import fixed_planes
 from lfref.errors import InputError, LfrefError, counted
+from lfref.io import atomic
 from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.refocuser.networks import SHIPPED
@@ -90,6 +93,9 @@ def train(config: DictConfig, folder: Path) -> None:
     try:
         with one_line_errors(folder):
             trainer = _trainer(config, stopping)
+            if trainer.is_global_zero:
+                facts = timing.facts(trainer.strategy.root_device)
+                atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
             with stopping.listening(trainer):
                 trainer.fit(module, datamodule=data, ckpt_path=config.resume, weights_only=True)
     except SystemExit as stopped:

@@ -163,6 +163,35 @@ def sweep_means(runs: pd.DataFrame, means: pd.DataFrame) -> Figure:
     return figure
 
 
+def sweep_effects(effects: pd.DataFrame) -> Figure:
+    """What each choice of a sweep changes alone: mean, standard deviation over seeds (thick) and t interval (thin).
+
+    Args:
+        effects: A row per choice, from top to bottom: columns `choice`, `value`, `compared_with`, `difference_db`,
+            `std_db`, `difference_low_db`, `difference_high_db`; spreads are NaN for a single seed.
+    """
+    tables.require(effects, "choice", "value", "compared_with", "difference_db", "std_db")
+    figure = new_figure(9, 1.2 + 0.36 * len(effects))
+    axes = figure.add_subplot()
+    mean, spread = effects["difference_db"], effects["std_db"]
+    places = range(len(effects))
+    axes.hlines(places, effects["difference_low_db"], effects["difference_high_db"], color=BLUE, linewidth=1)
+    axes.hlines(places, mean - spread, mean + spread, color=BLUE, linewidth=4, alpha=0.45)
+    axes.plot(mean, places, "D", color=BLUE, markersize=5)
+    axes.axvline(0, color=GREY, linewidth=1)
+    axes.set_yticks(
+        places,
+        [
+            tables.plot_text(f"{row.choice}: {row.value} for {row.compared_with}", 60)
+            for row in effects.itertuples(index=False)
+        ],
+        color=BLACK,
+    )
+    axes.set_ylim(len(effects) - 0.5, -0.5)
+    style_axes(axes, "Change of the best validation MPSNR (dB)", "", "Effect of each choice: to the right is better")
+    return figure
+
+
 def _draw_means(
     axes: Axes, points: pd.Series, heights: pd.Series, means: pd.DataFrame, columns: tuple[str, str, str]
 ) -> None:
