@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
+from lfref.bench import engine_timing
 from lfref.bench.timing import FFT
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.report import accuracy_time, answers, bench_plots, crops, plots, stability_table, sweeps, tables
@@ -129,8 +130,9 @@ def evaluation(folder: Path) -> Section:
         figures["MPSNR against MSSIM, one point per light field"] = plots.scatter(summary)
     figures["Quality by plane"] = plots.quality_by_plane(planes)
     files = {} if parts == [folder] else {SUMMARY: summary, PLANES: planes}
-    sentence = "" if answer is None else answer.sentence
-    return Section("Evaluation", text, figures, {caption: means.reset_index()}, files=files, answer=sentence)
+    sentence, shown_crops = ("", {}) if answer is None else (answer.sentence, crops.read(folder, answer))
+    listed = {caption: means.reset_index()}
+    return Section("Evaluation", text, figures, listed, files=files, answer=sentence, crops=shown_crops)
 
 
 def _check_no_overlap(folder: Path, summary: pd.DataFrame) -> None:
@@ -197,7 +199,17 @@ def error_causes(folder: Path) -> Section:
         "else stays as it was, a mean over scenes; a mark is the gain of another method on the same views. Below 0, "
         "the change is for the better, or the method for the worse."
     )
-    return Section("Causes of error", text, {"Causes": bench_plots.error_causes(planes)}, {"Means over planes": rows})
+    tables.require(rows, "cause", "method", "cost_db", "won_db")
+    costs = tables.require_numbers(rows, "cost_db")
+    worst = costs.loc[costs["cost_db"].idxmax()]
+    remedies = tables.with_numbers(rows[rows["cause"] == worst["cause"]], "won_db")
+    best = remedies.loc[remedies["won_db"].idxmax()] if len(remedies) else None
+    answer = f"Of {costs['cause'].nunique()} causes of error, {worst['cause']} costs most, {worst['cost_db']:.1f} dB"
+    answer += (
+        f"; {best['method']} wins back {best['won_db']:.1f} dB." if best is not None and best["won_db"] > 0 else "."
+    )
+    figures = {"Causes": bench_plots.error_causes(planes)}
+    return Section("Causes of error", text, figures, {"Means over planes": rows}, answer=answer)
 
 
 def operators(folder: Path) -> Section:
@@ -207,7 +219,7 @@ def operators(folder: Path) -> Section:
     )
     tables.require(rows, *OPERATOR_COLUMNS)
     text = (
-        "One call for the whole stack of one light field. Speed is measured in NumPy's 4-D FFTs of the three channels "
+        "One call for the whole stack of one light field. The unit of time is NumPy's 4-D FFT of the three channels "
         "in the same run. Memory is that of the views and of all that a call allocates, the stack included, as a share "
         "of its budget: twice the field in float32 and the stack. Errors are against exact Fourier refocusing, where "
         "every view covers every plane."
@@ -218,7 +230,12 @@ def operators(folder: Path) -> Section:
     }
     by_axis = exponents.pivot_table("exponent", "method", "axis", sort=False).add_prefix("exponent_").reset_index()
     listed = {"All figures": rows[OPERATOR_COLUMNS], "Exponents of time along each axis": by_axis}
-    return Section("Costs of operators", text, figures, listed)
+    timed = tables.require_numbers(rows[rows["method"] != FFT], "numpy_ffts").sort_values("numpy_ffts")
+    measured = tables.with_numbers(timed, "memory_ratio")
+    (fast, slow), (least, most) = (timed[name].iloc[[0, -1]] for name in ("method", "numpy_ffts"))
+    answer = f"The fastest method, {fast}, takes {least:.2g} units of time, the slowest, {slow}, {most:.2g}; "
+    answer += f"{(measured['memory_ratio'] <= 1).sum()} of {len(measured)} keep to the budget of memory."
+    return Section("Costs of operators", text, figures, listed, answer=answer)
 
 
 def simulation(folder: Path) -> Section:
@@ -229,7 +246,11 @@ def simulation(folder: Path) -> Section:
         "compared with the truth, the picture of a lens, where every view covers every pixel."
     )
     figures = {"Time and accuracy": bench_plots.simulation(costs, planes)}
-    return Section("Simulator", text, figures, {"Time by scene": costs, "Accuracy by plane": planes})
+    saved = costs.loc[tables.require_numbers(costs, "forced_over_planned")["forced_over_planned"].idxmax()]
+    answer = f"Planning saves most time on the {saved['output']} of {saved['scene']}: a simulation of all passes takes "
+    answer += f"{saved['forced_over_planned']:.3g} times as long."
+    listed = {"Time by scene": costs, "Accuracy by plane": planes}
+    return Section("Simulator", text, figures, listed, answer=answer)
 
 
 def data_rates(folder: Path) -> Section:
@@ -240,7 +261,14 @@ def data_rates(folder: Path) -> Section:
         "for the next batch. What a faster device would wait is arithmetic, from the crops per second."
     )
     figures = {"Crops and waits": bench_plots.data_rates(rates, waits)}
-    return Section("Data", text, figures, {"Crops per second": rates, "Waits": waits})
+    most = rates.loc[tables.require_numbers(rates, "crops_per_s")["crops_per_s"].idxmax()]
+    least = waits.loc[tables.require_numbers(waits, "wait_share")["wait_share"].idxmin()]
+    answer = (
+        f"Most crops per second, {most['crops_per_s']:.3g}, come from {most['source']} fields by {most['workers']:.0f} "
+        f"workers, with labels of {most['label']} by the {most['labels_on']}; at best a training waits "
+        f"{100 * least['wait_share']:.2g} % of a step."
+    )
+    return Section("Data", text, figures, {"Crops per second": rates, "Waits": waits}, answer=answer)
 
 
 def engines(folder: Path) -> Section:
@@ -251,7 +279,13 @@ def engines(folder: Path) -> Section:
         "that of PSNR against the truth, the picture of a lens. Pictures of a network without training show nothing, "
         "so they are only compared with those of float32. The start is the time until the first stack is ready."
     )
-    return Section("Engines", text, {"Engines": bench_plots.engines(rows)}, {"All figures": rows})
+    tables.require_numbers(rows, "ratio_to_eager", "min_s", "agreement_db")
+    answer = "; ".join(
+        f"{row.engine} {row.precision} is fastest for {row.network}, {row.ratio_to_eager:.1f} times eager fp32"
+        for row in engine_timing.fastest(rows).itertuples()
+    )
+    sentence = f"At a loss of at most 0.1 dB, {answer}." if answer else ""
+    return Section("Engines", text, {"Engines": bench_plots.engines(rows)}, {"All figures": rows}, answer=sentence)
 
 
 MAKERS: dict[str, Callable[[Path], Section]] = {

@@ -117,6 +117,7 @@ def test_eval_writes_every_plane_and_the_means_and_has_a_classical_method_beside
     assert len(summary) == 2 * 3 * 2
     kinds = {row["method"]: row["is_network"] for row in summary}
     assert kinds == {"run": "True", "shift_and_sum_through_cells": "False", "shift_and_sum": "False"}
+    assert len([*(trained / "eval" / "crops").glob("*.png")]) == 5
     assert json.loads((trained / "eval" / "machine.json").read_text())["torch"] == torch.__version__
     own = [row for row in planes if row["method"] == row["reference"] == "shift_and_sum"]
     assert {float(row["psnr_db"]) for row in own} == {100.0}

@@ -215,6 +215,51 @@ def test_the_simulator_has_its_times_and_its_accuracy(tmp_path):
     assert [list(line.get_ydata()) for line in right.lines] == [[40.0], [35.0]]
 
 
+def test_every_kind_of_bench_answers_with_figures_of_its_tables(operators, tmp_path):
+    causes = [
+        {"cause": "points", "method": "sum", "is_base": True, "cost_db": 12.0, "won_db": None},
+        {"cause": "points", "method": "filled", "is_base": False, "cost_db": None, "won_db": 7.0},
+        {"cause": "noise", "method": "sum", "is_base": True, "cost_db": 4.0, "won_db": None},
+        {"cause": "noise", "method": "filled", "is_base": False, "cost_db": None, "won_db": 9.0},
+    ]
+    by_plane = [row | {"alpha": 1.0, "slope": 0.0} for row in causes]
+    costs = [
+        {"scene": scene, "output": "views", "planned_s": 0.5, "forced_s": 0.5 * ratio, "forced_over_planned": ratio}
+        for scene, ratio in (("wall", 2.0), ("dome", 25.0))
+    ]
+    planes = [{"method": "sum", "alpha": 1.0, "slope": 0.0, "mean_db": 40.0, "worst_db": 35.0}]
+    rates = [
+        {"source": "stored", "label": "sum", "labels_on": "device", "workers": n, "crops_per_s": 50.0 * (n + 1)}
+        for n in (0, 2)
+    ]
+    waits = [{"label": "sum", "labels_on": "device", "workers": n, "wait_share": 0.25 / (n + 1)} for n in (0, 4)]
+    engines = [
+        {"network": "net", "engine": "vino", "precision": precision, "min_s": 1 / ratio, "ratio_to_eager": ratio}
+        | {"loss_db": loss, "agreement_db": 40.0}
+        for precision, ratio, loss in (("fp32", 1.0, 0.0), ("bf16", 3.0, 0.05), ("int8", 6.0, 0.4))
+    ]
+    written = {
+        "causes": causes, "causes_by_plane": by_plane, "simulate": costs, "alphas": planes, "rates": rates,
+        "waits": waits, "engines": engines,
+    }  # fmt: skip
+    for name, rows in written.items():
+        tables.write_table(tmp_path / "all" / f"{name}.csv", rows)
+    own = tables.read_table(operators / "operators.csv").assign(memory_ratio=[None, 0.5])
+    slow = own[1:].assign(method="slow", numpy_ffts=1.5, memory_ratio=1.25)
+    tables.write_table(operators / "operators.csv", pd.concat([own, slow]))
+    answers = {section.title: section.answer for section in sections.sections([tmp_path / "all", operators])}
+    assert answers == {
+        "Causes of error": "Of 2 causes of error, points costs most, 12.0 dB; filled wins back 7.0 dB.",
+        "Simulator": "Planning saves most time on the views of dome: a simulation of all passes takes 25 times as "
+        "long.",
+        "Data": "Most crops per second, 150, come from stored fields by 2 workers, with labels of sum by the device; "
+        "at best a training waits 5 % of a step.",
+        "Engines": "At a loss of at most 0.1 dB, vino bf16 is fastest for net, 3.0 times eager fp32.",
+        "Costs of operators": "The fastest method, sum, takes 0.05 units of time, the slowest, slow, 1.5; 1 of 2 keep "
+        "to the budget of memory.",
+    }
+
+
 def test_costs_of_operators_are_two_tables_and_two_figures(operators):
     (section,) = sections.sections([operators])
     assert section.title == "Costs of operators"
