@@ -138,7 +138,7 @@ def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     figure.supxlabel("Share of the largest number (log scale); above each panel the fitted exponents", fontsize=9)
     figure.supylabel("Time, fastest run", fontsize=9)
     handles = {line.get_label(): line for axes in grid.flat for line in axes.get_lines() if line.get_marker() != "None"}
-    figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    figure.legend(handles=[*handles.values()], loc="outside upper left", ncols=3, frameon=False, fontsize=9)
     return figure
 
 

@@ -110,7 +110,7 @@ def evaluation(folder: Path) -> Section:
     text = "Every method against every reference, over the whole frame. " + (
         "The reference is the picture of a lens. "
         if by_truth
-        else "Labels are what a network can be trained on, and only `rendered` is the truth, the picture of a lens. "
+        else "Labels are what a network can be trained on, and only rendered is the truth, the picture of a lens. "
     )
     text += "A method is left out where it is its own reference. PSNR is capped at 100 dB."
     if parts != [folder]:
@@ -125,10 +125,11 @@ def evaluation(folder: Path) -> Section:
     answer = answers.of_evaluation(summary)
     worst = summary["light_field"].iloc[0] if answer is None else answer.worst
     drawn = [path for part in parts for path in (part / "comparison").glob("*.png") if path.stem == worst]
-    figures: dict[str, Figure | str | Path] = {f"Comparison on {path.stem}": path for path in drawn[:1]}
+    figures: dict[str, Figure | str | Path] = {}
     if n_fields > 1:
         figures["MPSNR against MSSIM, one point per light field"] = plots.scatter(summary)
     figures["Quality by plane"] = plots.quality_by_plane(planes)
+    figures |= {f"Comparison on {path.stem}": path for path in drawn[:1]}
     files = {} if parts == [folder] else {SUMMARY: summary, PLANES: planes}
     sentence, shown_crops = ("", {}) if answer is None else (answer.sentence, crops.read(folder, answer))
     listed = {caption: means.reset_index()}

@@ -11,7 +11,7 @@ from lfref.errors import FileError
 from lfref.report import drawing, page, tables
 from lfref.report.page import Section
 
-EMPTY_TAGS = {"meta", "img"}
+EMPTY_TAGS = {"meta", "img", "wbr"}
 
 
 class Outline(HTMLParser):
@@ -106,6 +106,17 @@ def test_tables_have_readable_headings_and_numbers_to_the_right(tmp_path):
     assert outline.texts["td"] == ["<b>&'", "31.26", "True", "0012", "≥ 100", "False", dash, dash, "True"]
     assert outline.all("td") == [{}, {"class": "number"}, {}] * 3
     assert not outline.all("figcaption")
+
+
+def test_answers_stand_above_crops_and_crops_above_text(tmp_path):
+    figure = drawing.new_figure(1, 1)
+    drawing.save_figure(figure, tmp_path / "crop.png")
+    section = Section("Part", "text", {"front": figure}, answer="an answer", crops={"a_<b>": tmp_path / "crop.png"})
+    text = written(tmp_path, [section, Section("Other")])
+    assert text.count("an answer") == 2  # in the contents, and in the section
+    assert "a_<wbr>&lt;b&gt;</figcaption>" in text
+    places = [text.rindex(part) for part in ("an answer", 'alt="a_&lt;b&gt;"', "<figcaption>front", "<p>text", "Other")]
+    assert places == sorted(places)
 
 
 @pytest.mark.parametrize(("n_sections", "links"), [(0, 0), (1, 0), (2, 2)])

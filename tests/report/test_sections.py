@@ -197,7 +197,7 @@ def test_one_light_field_makes_a_table_and_no_scatter(benchmark, evaluation):
     measured, evaluated = sections.sections([benchmark, evaluation])
     assert list(measured.figures) == ["By plane: ideal"]
     assert list(measured.tables) == ["All figures: ideal"]
-    assert list(evaluated.figures) == ["Comparison on a", "Quality by plane"]
+    assert list(evaluated.figures) == ["Quality by plane", "Comparison on a"]
     assert list(evaluated.tables) == ["Figures of a"]
     as_near = "On a, judged by fourier_slice and not by the truth, net is as near to fourier_slice as the next method"
     assert evaluated.answer == f"{as_near}, shift_and_sum."
