@@ -276,7 +276,7 @@ def front(config: DictConfig, folder: Path) -> None:
         drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
     if (answer := answers.of_bench(bench, scenes)) is not None:
         again = captures or _scene_cases(config, planes, device, answer.worst)
-        (case,) = (case for case in again if (case.kind, case.light.name) == (answer.kind, answer.worst))
+        case = next(case for case in again if (case.kind, case.light.name) == (answer.kind, answer.worst))
         _write_crops(folder, case, {method.name: method for method in methods}, answer, case.planes or planes, margin)
         log.info(answer.sentence)
     n_scenes = evaluated["scene"].nunique()

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from lfref.bench.evaluation import TRUTH
+from lfref.errors import InputError
 from lfref.report import tables
 from lfref.report.tables import TRUTHS
 
@@ -122,5 +123,7 @@ def _answer(
     ours, *others = (str(row["method"]) for row in order)
     gain = float(order[0][score] - order[1][score]) if others else None
     of_ours = per_scene[per_scene["method"] == ours].groupby(scene, sort=False)[score].mean().dropna()
+    if of_ours.empty:
+        raise InputError(f"the table of scenes must have the PSNR of {ours}", got="no number")
     times = [float(row["numpy_ffts"]) for row in order] if "numpy_ffts" in methods else []
     return Answer(kind, reference, ours, others[0] if others else None, is_mixed, gain, of_ours.to_dict(), times)

@@ -245,8 +245,17 @@ def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     tables.require(costs, "scene", "output", "forced_over_planned")
     tables.require(planes, "method", "alpha", "slope", "mean_db", "worst_db")
     scenes = costs["scene"].unique().tolist()[::-1]
-    figure = new_figure(10, 1.5 + 0.3 * max(8, len(scenes)))
-    left, right = figure.subplots(1, 2)
+    place, curves = tables.plane_axis(planes), dict[str, drawing.Curve]()
+    for index, (method, rows) in enumerate(planes.groupby("method", sort=False)):
+        style = {"color": drawing.series_style(index)["color"], "marker": "o", "markersize": 3}
+        curves[f"{method}, mean"] = rows[place], rows["mean_db"], style
+        curves[f"{method}, worst scene"] = rows[place], rows["worst_db"], style | {"linestyle": ":"}
+    heights = [1.5 + 0.3 * max(8, len(scenes)), drawing.curves_height(len(curves))]
+    is_split = len(curves) > drawing.MOST_LINES
+    figure = new_figure(10, sum(heights) if is_split else heights[0])
+    sizes = {"nrows": 2, "height_ratios": heights} if is_split else {"ncols": 2}
+    first, second = figure.subfigures(squeeze=False, **sizes).flat
+    left = first.subplots()
     left.set_yticks(range(len(scenes)), scenes)
     for output, colour in {"views": BLUE, "truth": ORANGE}.items():
         rows = costs[costs["output"] == output]
@@ -257,12 +266,8 @@ def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     style_axes(left, "Forced / planned time (log scale)", "", "Time saved by planning")
     left.legend(frameon=False, fontsize=8)
 
-    place = tables.plane_axis(planes)
-    for index, (method, rows) in enumerate(planes.groupby("method", sort=False)):
-        style = {"color": drawing.series_style(index)["color"], "markersize": 3}
-        right.plot(rows[place], rows["mean_db"], "o-", label=f"{method}, mean", **style)
-        right.plot(rows[place], rows["worst_db"], "o:", label=f"{method}, worst scene", **style)
-    style_axes(right, tables.heading(place), "PSNR, dB", "Refocused views against the truth")
-    # The legend is below the panel, since lines cross all of the panel.
-    right.legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))
+    panels = drawing.draw_curves(second, curves, tables.heading(place), "PSNR, dB", "Refocused views against the truth")
+    if len(panels) == 1:
+        # The legend is below the panel, since lines cross all of the panel.
+        panels[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))
     return figure

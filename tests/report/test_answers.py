@@ -3,6 +3,7 @@
 import pandas as pd
 import pytest
 
+from lfref.errors import InputError
 from lfref.report import answers
 
 PSNR = {"learned": (36.0, 30.5), "sum": (31.0, 30.0), "layers": (34.0, 31.0)}
@@ -72,6 +73,12 @@ def test_the_first_class_with_a_truth_answers():
     fft = pd.DataFrame([{"method": "numpy_fft_4d", "numpy_ffts": 1.0, "is_network": False}])
     answer = answers.of_bench(pd.concat([fft, captures, scenes, more]), pd.concat([of_captures, of_scenes, of_more]))
     assert (answer.kind, answer.reference) == ("ideal", "truth")
+
+
+def test_scenes_without_our_method_are_an_error():
+    rows, scenes = bench()
+    with pytest.raises(InputError, match="must have the PSNR of learned"):
+        answers.of_bench(rows, scenes[scenes["method"] != "learned"])
 
 
 def summary(references=("shift_and_sum", "fourier_slice"), fields=("a", "b")):

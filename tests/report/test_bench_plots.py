@@ -174,6 +174,14 @@ def test_of_the_simulator_each_scene_has_a_line_and_each_method_two_curves():
     assert [list(line.get_xdata()) for line in right.lines] == [[-1.0, 0.0]] * 2
 
 
+def test_more_methods_of_the_simulator_are_small_multiples():
+    planes = pd.concat(SIMULATION_PLANES.assign(method=f"sum_{n}") for n in range(4))
+    _, *panels = (axes for axes in bench_plots.simulation(SIMULATION_COSTS, planes).axes if axes.get_visible())
+    names = [f"sum_{n}, {what}" for n in range(4) for what in ("mean", "worst scene")]
+    assert [axes.get_title("left") for axes in panels] == names
+    assert [list(axes.get_lines()[-1].get_ydata()) for axes in panels] == [[30.0, 40.0], [20.0, 35.0]] * 4
+
+
 @pytest.mark.parametrize(
     ("plot", "column"),
     [

@@ -103,6 +103,14 @@ def test_the_answer_comes_first_and_the_machine_last(opened):
     assert last == "Machine and versions"
 
 
+def test_names_of_a_table_stay_in_sight_on_a_telephone(opened):
+    tab = opened(390)
+    table = tab.locator(".table").first
+    table.evaluate("element => element.scrollLeft = 300")
+    box = table.locator("td").first.bounding_box()
+    assert 0 <= box["x"] < box["x"] + box["width"] < 200
+
+
 @pytest.mark.parametrize("kind", ["picture", "table"])
 def test_wide_parts_scroll_by_keyboard(opened, kind):
     tab = opened(390)
