@@ -152,7 +152,14 @@ def test_report_gathers_everything_into_one_page(lfref, trained):
     assert lfref("report", f"output={trained}/report", f"runs=[{runs}]", "title='A <title>'")[0] == 0
     page = (trained / "report" / "index.html").read_text()
     assert "A &lt;title&gt;" in page
-    for words in ("rise of", "Accuracy against time", "MPSNR against MSSIM", "data:image/png;base64"):
+    assert json.loads((trained / "run" / "machine.json").read_text())["torch"] == torch.__version__
+    for words in (
+        "Machine and versions",
+        "rise of",
+        "Accuracy against time",
+        "MPSNR against MSSIM",
+        "data:image/png;base64",
+    ):
         assert words in page
 
 
