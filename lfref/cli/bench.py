@@ -7,15 +7,25 @@ import functools
 import itertools
 import json
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import pandas as pd
 import torch
 from omegaconf import DictConfig
+from torch import Tensor
 
-from lfref.bench import data_rates, engine_timing, error_causes, evaluation, operator_costs, simulation_cost, timing
+from lfref.bench import (
+    accuracy,
+    data_rates,
+    engine_timing,
+    error_causes,
+    evaluation,
+    operator_costs,
+    simulation_cost,
+    timing,
+)
 from lfref.bench.accuracy import Row
 from lfref.bench.data_rates import SIMULATED, STORED, LoadingBench
 from lfref.bench.engine_timing import Fields, NetworkCase
@@ -34,6 +44,7 @@ from lfref.data.field_sources import SimulatedSource
 from lfref.data.label_sources import Labels
 from lfref.engines.engine import NetworkFunction
 from lfref.errors import InputError, chosen, counted
+from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
@@ -41,7 +52,19 @@ from lfref.nets import checkpoint
 from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser, name_apart
-from lfref.report import accuracy_time, bench_plots, drawing, page, plots, sections, stability_table, tables
+from lfref.report import (
+    accuracy_time,
+    answers,
+    bench_plots,
+    crops,
+    drawing,
+    page,
+    plots,
+    sections,
+    stability_table,
+    tables,
+)
+from lfref.report.answers import Answer
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes, Scenes
@@ -220,27 +243,42 @@ TIMES = ["median_s", "p10_s", "p90_s", "numpy_ffts"]
 
 
 def front(config: DictConfig, folder: Path) -> None:
-    """Write `bench.csv`, `scenes.csv`, `planes.csv`, `evaluation.csv`, `machine.json` and two pictures."""
+    """Write `bench.csv`, `scenes.csv`, `planes.csv`, `evaluation.csv`, `machine.json`, two plots and five crops."""
     device, rounds = device_of(config.device), configured_rounds(config)
     margin = int(configs.number(config, "margin", 0))
     planes = fixed_planes(config)
     methods = _methods(config, device)
-    cases, fields = _evaluation_cases(config, methods, planes, device)
+    cases: Iterable[EvaluationCase]
+    captures = [] if config.input is None else _capture_cases(config, methods, planes, device)
+    if config.input is None:
+        cases = _scene_cases(config, planes, device)
+        # Scenes are too small for times.
+        fields = [field.to(device) for field in light_fields(config, methods)]
+    else:
+        cases = progress(captures, f"evaluating against {captures[0].reference_name}")
+        fields = [case.light for case in captures]
     evaluated = pd.DataFrame(evaluation.evaluate(cases, methods, planes, margin))
     timed = [MethodCase(method, field) for field in fields for method in methods]
     times = operator_costs.times(timed, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
     bench = times[TIMES].reset_index().drop(columns="input").merge(evaluation.by_class(evaluated), "left", "method")
+    bench["is_network"] = bench["method"].isin([method.name for method in methods if method.is_network])
     by_plane, scenes = evaluation.by_plane(evaluated), evaluation.by_scene(evaluated)
     written = {"bench": bench, "scenes": scenes, "planes": by_plane, "evaluation": evaluated}
     for name, table in written.items():
         if len(table):  # scenes of wide baselines have no planes in common
             tables.write_table(folder / f"{name}.csv", table)
-    drawing.save_figure(accuracy_time.accuracy_time(bench), folder / "accuracy_time.png")
-    if len(by_plane):
-        drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
     write_facts(
         folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, aliased=sim30.VERSION_2, margin=margin
     )
+    if accuracy_time.has_plot(bench):
+        drawing.save_figure(accuracy_time.accuracy_time(bench), folder / "accuracy_time.png")
+    if not tables.judged_by_others(by_plane).empty:
+        drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
+    if (answer := answers.of_bench(bench, scenes)) is not None:
+        again = captures or _scene_cases(config, planes, device, answer.worst)
+        case = next(case for case in again if (case.kind, case.light.name) == (answer.kind, answer.worst))
+        _write_crops(folder, case, {method.name: method for method in methods}, answer, case.planes or planes, margin)
+        log.info(answer.sentence)
     n_scenes = evaluated["scene"].nunique()
     log.info("%s on %s: %s", counted(len(methods), "method"), counted(n_scenes, "scene"), folder / "bench.csv")
 
@@ -252,38 +290,67 @@ def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
     return methods
 
 
-def _evaluation_cases(
+def _scene_cases(
+    config: DictConfig, planes: FocalPlanes, device: torch.device, only: str | None = None
+) -> Iterator[EvaluationCase]:
+    """The cases of all scenes, or of the scene of this name; they are rendered when they are asked for."""
+    # Sets of planes are drawn from other seeds, so that no network has been trained on these scenes.
+    held_out: RandomScenes = configs.build(config.held_out)
+    varied = [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
+    common = [*test_scenes(config.test_scenes, "1").values(), *varied]
+    aliased = list(test_scenes(config.test_scenes, "2").values()) if config.aliased else []
+    wide = list(sim30.WIDE.values()) if config.wide else []
+    if not (common or wide):
+        remedy = "set test_scenes, varied or wide"
+        raise InputError("there must be scenes to evaluate", got="none", remedy=remedy)
+    chosen("correct", config.correct, dict.fromkeys(CORRECTIONS))
+
+    def shown(scenes: list[Scene], text: str) -> Iterable[Scene]:
+        return progress(scenes, text) if only is None else [scene for scene in scenes if scene.name == only]
+
+    return itertools.chain(
+        evaluation.scene_cases(shown(common, "evaluating against the truth"), planes.slopes, device, config.correct),
+        evaluation.aliased_cases(shown(aliased, "evaluating aliased scenes"), planes.slopes, device),
+        evaluation.wide_cases(shown(wide, "evaluating wide baselines"), device),
+    )
+
+
+def _capture_cases(
     config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
-) -> tuple[Iterable[EvaluationCase], list[LightField]]:
-    """Cases for the accuracy of the methods, and light fields for their time: scenes are too small for that."""
-    if config.input is None:
-        # Sets of planes are drawn from other seeds, so that no network has been trained on these scenes.
-        held_out: RandomScenes = configs.build(config.held_out)
-        varied = [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
-        scenes = [*test_scenes(config.test_scenes, "1").values(), *varied]
-        aliased = list(test_scenes(config.test_scenes, "2").values()) if config.aliased else []
-        wide = list(sim30.WIDE.values()) if config.wide else []
-        if not (scenes or wide):
-            remedy = "set test_scenes, varied or wide"
-            raise InputError("there must be scenes to evaluate", got="none", remedy=remedy)
-        fields = [field.to(device) for field in light_fields(config, methods)]
-        chosen("correct", config.correct, dict.fromkeys(CORRECTIONS))
-        shown = progress(scenes, "evaluating against the truth")
-        aliased_shown = progress(aliased, "evaluating aliased scenes")
-        wide_shown = progress(wide, "evaluating wide baselines")
-        common = evaluation.scene_cases(shown, planes.slopes, device, config.correct)
-        more = evaluation.aliased_cases(aliased_shown, planes.slopes, device)
-        return itertools.chain(common, more, evaluation.wide_cases(wide_shown, device)), fields
+) -> list[EvaluationCase]:
+    """The cases of the light fields of `input`."""
     corrected = (
         correct_by_option(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
         for field in light_fields(config, methods if config.thin is None else ())
     )
     if config.thin is None:
         log.info("no truth is known of these light fields: the reference is exact refocusing of their own views")
-        cases = list(evaluation.capture_cases(corrected, planes.slopes))
-    else:  # methods get every second or third view, the others are the reference
-        cases = list(evaluation.hold_out_cases(corrected, int(configs.number(config, "thin", 2)), planes.slopes))
-    return progress(cases, f"evaluating against {cases[0].reference_name}"), [case.light for case in cases]
+        return list(evaluation.capture_cases(corrected, planes.slopes))
+    # Methods get every second or third view, the others are the reference.
+    return list(evaluation.hold_out_cases(corrected, int(configs.number(config, "thin", 2)), planes.slopes))
+
+
+@torch.no_grad()
+def _write_crops(
+    folder: Path,
+    case: EvaluationCase,
+    methods: Mapping[str, Refocuser],
+    answer: Answer,
+    planes: FocalPlanes,
+    margin: int,
+) -> None:
+    """Write the crops of the plane where our method is worst."""
+    reference = case.displayed(case.reference).encoded
+
+    def stack(name: str) -> Tensor:
+        return case.displayed(case.stack(methods[name], planes.slopes)).encoded
+
+    ours = stack(answer.ours)
+    plane = int(psnr(accuracy.without_border(ours, margin), accuracy.without_border(reference, margin)).argmin())
+    other = None if answer.other is None else stack(answer.other)[plane]
+    rows, columns = case.light.grid
+    view = case.displayed(case.light.views[rows // 2, columns // 2][None]).encoded[0]
+    crops.write(folder, view, ours[plane], other, reference[plane], margin)
 
 
 # Group `operators`: time and memory of every operator on one light field, and how time scales.

@@ -85,6 +85,7 @@ def log_evaluation(loggers: Iterable[Any], summary: "pd.DataFrame", planes: "pd.
         for quality, value in row.items()
     }
     figures = {name: folder / f"{name.partition('/')[2]}.png" for name in (SCATTER, QUALITY_BY_PLANE)}
+    figures = {name: path for name, path in figures.items() if path.is_file()}  # one light field has no scatter
     comparisons = [folder / "comparison" / f"{name}.png" for name in summary["light_field"].unique()]
     for logger in loggers:
         logger.log_metrics(values, step=0)

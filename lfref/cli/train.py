@@ -1,6 +1,7 @@
 """`lfref train`: fit a network to labels made by an operator."""
 
 import functools
+import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch import Callback, LightningDataModule, Trainer, seed_everything
 from omegaconf import DictConfig
 
+from lfref.bench import timing
 from lfref.cli import config as configs
 from lfref.cli import loggers, resume
 from lfref.cli.command import command, log, quiet_libraries
@@ -19,6 +21,7 @@ from lfref.cli.exit_codes import fail
 from lfref.cli.run_folder import is_first_process
 from lfref.cli.steps import fixed_planes
 from lfref.errors import LfrefError, counted
+from lfref.io import atomic
 from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.refocuser.networks import SHIPPED
@@ -87,6 +90,9 @@ def train(config: DictConfig, folder: Path) -> None:
     try:
         with one_line_errors(folder):
             trainer = _trainer(config, stopping)
+            if trainer.is_global_zero:
+                facts = timing.facts(trainer.strategy.root_device)
+                atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
             with stopping.listening(trainer):
                 trainer.fit(module, datamodule=data, ckpt_path=config.resume, weights_only=True)
     except SystemExit as stopped:

@@ -62,6 +62,8 @@ class CorrectingRefocuser(Refocuser):
         name: As tables and legends call it.
     """
 
+    is_network = True
+
     def __init__(self, corrector: Corrector, name: str) -> None:
         self.corrector = corrector.eval()
         self.name = name
@@ -293,6 +295,8 @@ class NetworkRefocuser(Refocuser):
     Raises:
         InputError: The network makes another number of planes.
     """
+
+    is_network = True
 
     def __init__(
         self, network: Network, planes: FocalPlanes, name: str | None = None, is_linear: bool | None = None

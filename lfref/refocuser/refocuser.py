@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -49,6 +49,8 @@ class Refocuser(abc.ABC):
     """View rows and columns (V, U) that it reads, no others; None: any."""
     is_linear: bool | None = None
     """Whether it was trained on linear light or on encoded samples; None: it takes both."""
+    is_network: ClassVar[bool] = False
+    """Whether it has learned; all others are classical."""
 
     @property
     def takes_positions(self) -> bool:

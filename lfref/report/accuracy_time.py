@@ -1,7 +1,8 @@
-"""Accuracy against time: every method is a labelled point, and a line joins the Pareto front.
+"""Accuracy against time: every method is a labelled point; where the truth is known, a line joins the Pareto front.
 
-The unit of time is the paper's: NumPy's 4-D FFT of the same views. This module stands alone because it searches places
-where labels overlap nothing.
+Any other reference is the picture of a method: nearness to it is no quality, and there is no front. The unit of time is
+the paper's: NumPy's 4-D FFT of the same views. This module stands alone because it searches places where labels overlap
+nothing.
 """
 
 import math
@@ -28,7 +29,9 @@ CENTRED: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "arrow
 
 
 def accuracy_time(rows: pd.DataFrame) -> Figure:
-    """A panel per class, a labelled point per method, and a step line along the Pareto front.
+    """A panel per class, a labelled point per method, and by the truth a step line along the Pareto front.
+
+    A method is left out where it is its own reference.
 
     Args:
         rows: Columns `method`, `class`, `reference`, `median_s`, `psnr_db`; a row per method and class, and a row of
@@ -42,18 +45,21 @@ def accuracy_time(rows: pd.DataFrame) -> Figure:
     if fft_s.empty:
         raise InputError(f"the table must have the time of {FFT}, which is the unit", got="no such row")
     unit = float(fft_s.iloc[0])
-    methods = tables.capped(tables.require_numbers(rows, "median_s", "psnr_db"), "psnr_db")
+    by_others = tables.judged_by_others(rows)
+    methods = tables.capped(tables.require_numbers(by_others, "median_s", "psnr_db"), "psnr_db")
     methods = methods.reindex(columns=["method", "class", "reference", *SPANS, "psnr_db"])
     methods = methods[methods["median_s"].between(0, math.inf, inclusive="neither")]
     in_units = methods.assign(**{column: methods[column] / unit for column in SPANS})
     classes = list(in_units.groupby(["class", "reference"], sort=False, dropna=False))
-    figure = new_figure(9, 1 + 4.4 * len(classes))
+    figure = new_figure(9, 0.6 + 4.5 * len(classes))
     panels = figure.subplots(len(classes), squeeze=False)[:, 0]
     for axes, ((name, reference), methods) in zip(panels, classes, strict=True):
         axes.set_xscale("log")
-        _draw_points(axes, methods)
-        title = f"{tables.class_title(name, reference)}: up and to the left is better"
-        style_axes(axes, "Time, in NumPy's 4-D FFTs of the same views (log scale)", "PSNR (dB)", title, 20)
+        _draw_points(axes, methods, has_front=reference in tables.TRUTHS)
+        title = tables.class_title(name, reference)
+        title += ": up and to the left is better" if reference in tables.TRUTHS else ": higher is nearer, not better"
+        score = tables.score_label("psnr_db", reference)
+        style_axes(axes, "Time, in NumPy's 4-D FFTs of the same views (log scale)", score, title, 20)
         axes.axvline(1, color=RED, linestyle="--", linewidth=1.2, zorder=0)
         name, where = f"NumPy 4-D FFT, {unit:.3g} s", axes.get_xaxis_transform()
         axes.text(1, 1.01, name, transform=where, ha="center", fontsize=9, color=RED)
@@ -65,9 +71,16 @@ def accuracy_time(rows: pd.DataFrame) -> Figure:
     return figure
 
 
-def _draw_points(axes: Axes, methods: pd.DataFrame) -> None:
-    best = tables.pareto_front(methods, "median_s", "psnr_db")
-    axes.plot(np.repeat(best["median_s"], 2)[1:], np.repeat(best["psnr_db"], 2)[:-1], color=CYAN, zorder=1)
+def has_plot(rows: pd.DataFrame) -> bool:
+    """Whether a class is plotted: of one light field a table says all, and a method is not judged by itself."""
+    several = "scenes" not in rows or bool((rows["scenes"] > 1).any())
+    return several and not tables.with_numbers(tables.judged_by_others(rows), "median_s", "psnr_db").empty
+
+
+def _draw_points(axes: Axes, methods: pd.DataFrame, has_front: bool) -> None:
+    best = tables.pareto_front(methods, "median_s", "psnr_db") if has_front else methods
+    if has_front:
+        axes.plot(np.repeat(best["median_s"], 2)[1:], np.repeat(best["psnr_db"], 2)[:-1], color=CYAN, zorder=1)
     for row in methods.itertuples():
         colour = BLUE if row.Index in best.index else GREY
         if row.p10_s > 0 and row.p90_s < math.inf:

@@ -4,7 +4,7 @@ A missing column, or a table without numbers, raises an `InputError` that names 
 """
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from lfref.report import drawing, tables
-from lfref.report.drawing import BLUE, CYAN, GREY, ORANGE, PALE, RED, TEAL, new_figure, style_axes
+from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, ORANGE, PALE, RED, TEAL, new_figure, style_axes
 
 
 def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = None) -> Figure:
@@ -96,7 +96,7 @@ def _label_log_axis(axes: Axes, subs: tuple[int, ...]) -> None:
 
 
 def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
-    """Time against size, a panel per axis, with the fitted powers.
+    """Time against size, a panel per method and a line per axis, with the fitted powers.
 
     Args:
         times: Columns `method`, `axis`, `n`, `min_s`.
@@ -105,33 +105,40 @@ def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     tables.require(times, "method", "axis")
     tables.require(exponents, "method", "axis", "exponent")
     rows = tables.require_numbers(times, "n", "min_s").merge(exponents, on=["method", "axis"])
-    axis_names, methods = rows["axis"].unique(), rows["method"].unique().tolist()
-    figure = new_figure(4 * len(axis_names), 4 + 0.2 * len(methods))
-    panels = figure.subplots(1, len(axis_names), sharey=True, squeeze=False)[0]
-    for axes, axis in zip(panels, axis_names, strict=True):
-        of_axis = rows[rows["axis"] == axis]
-        for index, method in enumerate(methods):
-            points = of_axis[of_axis["method"] == method].sort_values("n")
+    axis_names, methods = rows["axis"].unique().tolist(), rows["method"].unique().tolist()
+    n_columns = min(4, len(methods))
+    n_rows = math.ceil(len(methods) / n_columns)
+    figure = new_figure(9, 0.6 + 1.9 * n_rows)
+    grid = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True, sharey=True)
+    for axes in grid.flat[len(methods) :]:
+        axes.set_visible(False)
+    for axes, method in zip(grid.flat, methods, strict=False):
+        powers = []
+        for index, axis in enumerate(axis_names):
+            points = rows[(rows["method"] == method) & (rows["axis"] == axis)].sort_values("n")
             if points.empty:
                 continue
             style, exponent = drawing.series_style(index), points["exponent"].iloc[0]
             # The fitted power goes through the middle of the points, in logarithms.
             middle_n, middle_s = np.exp(np.log(points["n"]).mean()), np.exp(np.log(points["min_s"]).mean())
             fit = middle_s * (points["n"] / middle_n) ** exponent
-            axes.plot(points["n"], fit, color=style["color"], linewidth=1.2, alpha=0.6)
-            label = f"{tables.plot_text(method, 40)}  {exponent:.2f}".replace("-", tables.MINUS)
-            axes.plot(points["n"], points["min_s"], linestyle="", markersize=4.5, label=label, **style)
-        sizes = sorted(of_axis["n"].unique())
+            sizes = points["n"] / points["n"].max()
+            axes.plot(sizes, fit, color=style["color"], linewidth=1.2, alpha=0.6)
+            axes.plot(sizes, points["min_s"], linestyle="", markersize=4, label=axis, **style)
+            powers.append(f"{axis} {exponent:.2f}".replace("-", tables.MINUS))
         axes.set(xscale="log", yscale="log")
-        axes.set_xticks(sizes, [tables.format_cell("n", size) for size in sizes])
+        style_axes(axes, "", "", "")
+        axes.set_title(f"{tables.plot_text(method, 40)}\n{', '.join(powers)}", fontsize=7.5, loc="left", color=BLACK)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{share:g}"))
         axes.xaxis.set_minor_locator(NullLocator())
-        axes.yaxis.set_major_locator(LogLocator(subs=(1, 3)))
+        axes.yaxis.set_major_locator(LogLocator())
         axes.yaxis.set_major_formatter(EngFormatter(unit="s"))
         axes.yaxis.set_minor_formatter(NullFormatter())
-        style_axes(axes, f"Number of {axis}", "", f"Growth with {axis}")
-        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
-        axes.legend(frameon=False, fontsize=8, title="fitted exponent", title_fontsize=8, **below)
-    panels[0].set_ylabel("Time, fastest run")
+    figure.supxlabel("Share of the largest number (log scale); above each panel the fitted exponents", fontsize=9)
+    figure.supylabel("Time, fastest run", fontsize=9)
+    handles = {line.get_label(): line for axes in grid.flat for line in axes.get_lines() if line.get_marker() != "None"}
+    figure.legend(handles=[*handles.values()], loc="outside upper left", ncols=3, frameon=False, fontsize=9)
     return figure
 
 
@@ -196,22 +203,36 @@ def data_rates(rates: pd.DataFrame, waits: pd.DataFrame) -> Figure:
     tables.require(rates, "source", "label", "labels_on", "workers", "crops_per_s")
     tables.require(waits, "label", "labels_on", "workers", "wait_share")
     ways = rates.assign(way=rates["source"] + ", " + rates["label"] + " by the " + rates["labels_on"])
-    figure = new_figure(10, 4)
-    left, right = figure.subplots(1, 2)
-    for index, (way, rows) in enumerate(ways.groupby("way", sort=False)):
-        colour = drawing.series_style(index)["color"]
-        left.plot(rows["workers"], rows["crops_per_s"], "o-", color=colour, label=way, markersize=4)
-    left.set_yscale("log")
-    style_axes(left, "Workers", "Crops per second (log scale)", "Ready for the network")
-    for index, ((label, place), rows) in enumerate(waits.groupby(["label", "labels_on"], sort=False)):
-        colour = drawing.series_style(index)["color"]
-        right.plot(rows["workers"], 100 * rows["wait_share"], "o-", color=colour, label=f"{label} by the {place}")
-    style_axes(right, "Workers", "Share of a step, %", "Waiting for a batch")
-    for axes in (left, right):
+    loading = {
+        way: (rows["workers"], rows["crops_per_s"], {"markersize": 4}) for way, rows in ways.groupby("way", sort=False)
+    }
+    waiting = {
+        f"{label} by the {place}": (rows["workers"], 100 * rows["wait_share"], {"markersize": 4})
+        for (label, place), rows in waits.groupby(["label", "labels_on"], sort=False)
+    }
+    heights = [drawing.curves_height(len(curves)) for curves in (loading, waiting)]
+    figure = new_figure(9, sum(heights))
+    upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
+    panels = drawing.draw_curves(
+        upper, _coloured(loading), "Workers", "Crops per second (log scale)", "Ready for the network"
+    )
+    for axes in panels:
+        axes.set_yscale("log")
+    panels += drawing.draw_curves(lower, _coloured(waiting), "Workers", "Share of a step, %", "Waiting for a batch")
+    for axes in panels:
         axes.set_xticks(sorted(rates["workers"].unique()))
-        # The legend is below the panel, since lines cross all of the panel.
-        axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.15))
+        if any(not str(line.get_label()).startswith("_") for line in axes.get_lines()):
+            # The legend is beside the panel, since lines cross all of the panel.
+            axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return figure
+
+
+def _coloured(curves: Mapping[str, drawing.Curve]) -> dict[str, drawing.Curve]:
+    """The curves, each with a colour and a marker of its own."""
+    return {
+        name: (xs, ys, style | drawing.series_style(index))
+        for index, (name, (xs, ys, style)) in enumerate(curves.items())
+    }
 
 
 def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
@@ -224,8 +245,17 @@ def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     tables.require(costs, "scene", "output", "forced_over_planned")
     tables.require(planes, "method", "alpha", "slope", "mean_db", "worst_db")
     scenes = costs["scene"].unique().tolist()[::-1]
-    figure = new_figure(10, 1.5 + 0.3 * max(8, len(scenes)))
-    left, right = figure.subplots(1, 2)
+    place, curves = tables.plane_axis(planes), dict[str, drawing.Curve]()
+    for index, (method, rows) in enumerate(planes.groupby("method", sort=False)):
+        style = {"color": drawing.series_style(index)["color"], "marker": "o", "markersize": 3}
+        curves[f"{method}, mean"] = rows[place], rows["mean_db"], style
+        curves[f"{method}, worst scene"] = rows[place], rows["worst_db"], style | {"linestyle": ":"}
+    heights = [1.5 + 0.3 * max(8, len(scenes)), drawing.curves_height(len(curves))]
+    is_split = len(curves) > drawing.MOST_LINES
+    figure = new_figure(10, sum(heights) if is_split else heights[0])
+    sizes = {"nrows": 2, "height_ratios": heights} if is_split else {"ncols": 2}
+    first, second = figure.subfigures(squeeze=False, **sizes).flat
+    left = first.subplots()
     left.set_yticks(range(len(scenes)), scenes)
     for output, colour in {"views": BLUE, "truth": ORANGE}.items():
         rows = costs[costs["output"] == output]
@@ -236,12 +266,8 @@ def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
     style_axes(left, "Forced / planned time (log scale)", "", "Time saved by planning")
     left.legend(frameon=False, fontsize=8)
 
-    place = tables.plane_axis(planes)
-    for index, (method, rows) in enumerate(planes.groupby("method", sort=False)):
-        style = {"color": drawing.series_style(index)["color"], "markersize": 3}
-        right.plot(rows[place], rows["mean_db"], "o-", label=f"{method}, mean", **style)
-        right.plot(rows[place], rows["worst_db"], "o:", label=f"{method}, worst scene", **style)
-    style_axes(right, tables.heading(place), "PSNR, dB", "Refocused views against the truth")
-    # The legend is below the panel, since lines cross all of the panel.
-    right.legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))
+    panels = drawing.draw_curves(second, curves, tables.heading(place), "PSNR, dB", "Refocused views against the truth")
+    if len(panels) == 1:
+        # The legend is below the panel, since lines cross all of the panel.
+        panels[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))
     return figure

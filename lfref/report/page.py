@@ -12,22 +12,25 @@ from pathlib import Path
 
 import jinja2
 import pandas as pd
+from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from lfref.errors import FileError
 from lfref.io import atomic
 from lfref.report import drawing, tables
 
+LEGIBLE = 0.39
+"""Share of a plot's own width, at 150 dots per inch, at which text of 10 points has 8 pixels of a screen."""
 _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: heading, text, then figures, then tables."""
+    """A part of the page: heading, answer, crops, the first figure, text, the other figures, tables."""
 
     title: str
     text: str = ""
-    """Plain text; an empty line starts a paragraph."""
+    """How to read what is shown, as plain text; an empty line starts a paragraph."""
     figures: Mapping[str, Figure | str | Path] = field(default_factory=dict)
     """Caption -> figure, or a PNG file; screen readers read the caption too."""
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
@@ -36,9 +39,13 @@ class Section:
     """Reason why the section has no content."""
     files: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     """Name of a CSV file beside the page -> its table."""
+    answer: str = ""
+    """What the run answers, with its figures, in one sentence."""
+    crops: Mapping[str, str | Path] = field(default_factory=dict)
+    """Caption -> PNG file; all are shown in one row."""
 
     def __post_init__(self) -> None:
-        for picture in self.figures.values():
+        for picture in (*self.crops.values(), *self.figures.values()):
             if not isinstance(picture, Figure):
                 _read_png(Path(picture))
         for table in self.tables.values():
@@ -51,8 +58,8 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
     Args:
         path: HTML file to write, usually `index.html`; an older one is replaced.
         title: Heading of the page.
-        sections: Sections in reading order; more than three get a list of contents.
-        facts: Facts below the title, such as device and date.
+        sections: Sections in reading order; several get a list of their titles and answers.
+        facts: Machine and versions, at the end of the page.
     """
     page = jinja2.Environment(
         loader=jinja2.PackageLoader("lfref.report", "."),
@@ -62,7 +69,7 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
         undefined=jinja2.StrictUndefined,
     )
     page.filters |= {"heading": tables.heading, "cell": lambda value, column="": tables.format_cell(column, value)}
-    page.filters["png"] = _png
+    page.filters |= {"png": _png, "breakable": _breakable}
     page.tests |= {"numeric": _is_numeric, "bold": lambda value: isinstance(value, tables.Bold)}
     text = page.get_template("page.html").render(title=title, sections=sections, facts=facts)
     atomic.write_text(Path(path), text.lstrip() + "\n")
@@ -73,8 +80,13 @@ def _is_numeric(column: pd.Series) -> bool:
     return is_number and not tables.is_text(column.name)
 
 
+def _breakable(text: str) -> Markup:
+    """Text that may be broken after underscores."""
+    return Markup(escape(text).replace("_", Markup("_<wbr>")))
+
+
 def _png(picture: Figure | str | Path) -> dict[str, object]:
-    """Source, width and height of an image element."""
+    """Source, width and height of an image element, and the least width at which its text can be read."""
     if isinstance(picture, Figure):
         buffer = io.BytesIO()
         picture.savefig(buffer, **drawing.PNG)
@@ -83,7 +95,7 @@ def _png(picture: Figure | str | Path) -> dict[str, object]:
         content = _read_png(Path(picture))
     width, height = struct.unpack(">II", content[16:24])
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
-    return {"source": source, "width": width, "height": height}
+    return {"source": source, "width": width, "height": height, "least_width": round(LEGIBLE * width)}
 
 
 def _read_png(path: Path) -> bytes:

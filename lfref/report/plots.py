@@ -4,11 +4,12 @@ A missing column, or one without numbers, raises an `InputError` that names it.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import MaxNLocator
 
 from lfref.errors import InputError
@@ -162,6 +163,35 @@ def sweep_means(runs: pd.DataFrame, means: pd.DataFrame) -> Figure:
     return figure
 
 
+def sweep_effects(effects: pd.DataFrame) -> Figure:
+    """What each choice of a sweep changes alone: mean, standard deviation over seeds (thick) and t interval (thin).
+
+    Args:
+        effects: A row per choice, from top to bottom: columns `choice`, `value`, `compared_with`, `difference_db`,
+            `std_db`, `difference_low_db`, `difference_high_db`; spreads are NaN for a single seed.
+    """
+    tables.require(effects, "choice", "value", "compared_with", "difference_db", "std_db")
+    figure = new_figure(9, 1.2 + 0.36 * len(effects))
+    axes = figure.add_subplot()
+    mean, spread = effects["difference_db"], effects["std_db"]
+    places = range(len(effects))
+    axes.hlines(places, effects["difference_low_db"], effects["difference_high_db"], color=BLUE, linewidth=1)
+    axes.hlines(places, mean - spread, mean + spread, color=BLUE, linewidth=4, alpha=0.45)
+    axes.plot(mean, places, "D", color=BLUE, markersize=5)
+    axes.axvline(0, color=GREY, linewidth=1)
+    axes.set_yticks(
+        places,
+        [
+            tables.plot_text(f"{row.choice}: {row.value} for {row.compared_with}", 60)
+            for row in effects.itertuples(index=False)
+        ],
+        color=BLACK,
+    )
+    axes.set_ylim(len(effects) - 0.5, -0.5)
+    style_axes(axes, "Change of the best validation MPSNR (dB)", "", "Effect of each choice: to the right is better")
+    return figure
+
+
 def _draw_means(
     axes: Axes, points: pd.Series, heights: pd.Series, means: pd.DataFrame, columns: tuple[str, str, str]
 ) -> None:
@@ -215,23 +245,27 @@ def quality_by_plane(planes: pd.DataFrame) -> Figure:
     """
     tables.require(planes, *SERIES, "alpha", "slope")
     place, planes = tables.plane_axis(planes), _with_dashes(planes)
-    styles, figure = _styles(planes), new_figure(9, 4.6)
-    for axes, column in zip(figure.subplots(1, 2), ("psnr_db", "ssim"), strict=True):
-        rows = tables.capped(tables.require_numbers(planes, place, column), column)
-        for series, group in rows.groupby(SERIES, sort=False):
-            means = group.groupby(place)[column].mean()
-            axes.plot(means.index, means, markersize=5, **styles[series])
-        fold_below_cap(axes)
-        if place == "alpha":
-            _label_slopes(axes, rows)
-        style_axes(axes, tables.heading(place), tables.heading(column), "")
-    handles = {line.get_label(): line for axes in figure.axes for line in axes.get_lines()}
-    figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    styles, shown = _styles(planes), tables.judged_by_others(planes)
+    n_lines = len(shown.groupby(SERIES))
+    is_split = n_lines > drawing.MOST_LINES
+    figure = new_figure(9, 2 * drawing.curves_height(n_lines) if is_split else 4.6)
+    parts = figure.subfigures(*(2, 1) if is_split else (1, 2), squeeze=False).flat
+    for part, column in zip(parts, ("psnr_db", "ssim"), strict=True):
+        rows = tables.capped(tables.require_numbers(shown, place, column), column)
+        means = rows.groupby([*SERIES, place], sort=False)[column].mean().reset_index(place)
+        curves = {
+            styles[series]["label"]: (line[place], line[column], styles[series] | {"markersize": 5})
+            for series, line in means.groupby(SERIES, sort=False)
+        }
+        _draw_by_plane(part, curves, rows, column, _judged_by(rows, column), "")
+    _add_legend(figure, 2)
     return figure
 
 
 def psnr_by_plane(planes: pd.DataFrame) -> Figure:
     """PSNR against alpha, or slope if a plane has no alpha: a panel per class, a line per method.
+
+    More methods than a panel can hold have a panel each. A method is left out where it is its own reference.
 
     Args:
         planes: Columns `class`, `method`, `reference`, `alpha`, `slope`, `psnr_db`; a row per plane of each method and
@@ -239,21 +273,50 @@ def psnr_by_plane(planes: pd.DataFrame) -> Figure:
     """
     tables.require(planes, "class", *SERIES, "alpha", "slope")
     place = tables.plane_axis(planes)
-    rows = tables.capped(tables.require_numbers(planes, place, "psnr_db"), "psnr_db")
-    classes, methods = rows.groupby(["class", "reference"], sort=False), rows["method"].unique().tolist()
-    figure = new_figure(9, 1.2 + 3.8 * len(classes))
-    panels = figure.subplots(len(classes), squeeze=False)[:, 0]
-    for axes, ((name, reference), group) in zip(panels, classes, strict=True):
-        for method, line in group.sort_values(place, kind="stable").groupby("method", sort=False):
-            style = drawing.series_style(methods.index(method)) | {"label": tables.plot_text(method, 40)}
-            axes.plot(line[place], line["psnr_db"], markersize=4, linewidth=1.2, **style)
-        fold_below_cap(axes)
-        if place == "alpha":
-            _label_slopes(axes, group)
-        style_axes(axes, tables.heading(place), tables.heading("psnr_db"), tables.class_title(name, reference))
-    handles = {line.get_label(): line for axes in panels for line in axes.get_lines()}
-    figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    rows = tables.capped(tables.require_numbers(tables.judged_by_others(planes), place, "psnr_db"), "psnr_db")
+    classes, methods = list(rows.groupby(["class", "reference"], sort=False)), rows["method"].unique().tolist()
+    heights = [drawing.curves_height(group["method"].nunique()) for _, group in classes]
+    figure = new_figure(9, 1.2 + sum(heights))
+    parts = figure.subfigures(len(classes), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for part, ((name, reference), group) in zip(parts, classes, strict=True):
+        curves = {
+            tables.plot_text(method, 40): (
+                line[place],
+                line["psnr_db"],
+                drawing.series_style(methods.index(method)) | {"markersize": 4, "linewidth": 1.2},
+            )
+            for method, line in group.sort_values(place, kind="stable").groupby("method", sort=False)
+        }
+        label = tables.score_label("psnr_db", reference)
+        _draw_by_plane(part, curves, group, "psnr_db", label, tables.class_title(name, reference))
+    _add_legend(figure, 3)
     return figure
+
+
+def _draw_by_plane(
+    part: FigureBase, curves: Mapping[str, drawing.Curve], rows: pd.DataFrame, column: str, label: str, title: str
+) -> None:
+    place = tables.plane_axis(rows)
+    panels = drawing.draw_curves(part, curves, tables.heading(place), label, title)
+    for axes in panels:
+        if column.endswith("psnr_db"):
+            fold_below_cap(axes)
+    if place == "alpha" and len(panels) == 1:
+        _label_slopes(panels[0], rows)
+
+
+def _add_legend(figure: Figure, n_columns: int) -> None:
+    """One legend below all panels; small panels have their names as titles instead."""
+    handles = {line.get_label(): line for axes in figure.axes for line in axes.get_lines()}
+    named = [line for label, line in handles.items() if not str(label).startswith("_")]
+    if named:
+        figure.legend(handles=named, loc="outside lower center", ncols=n_columns, frameon=False, fontsize=9)
+
+
+def _judged_by(rows: pd.DataFrame, column: str) -> str:
+    """Label of an axis for a score by one reference, or by several, of which not all are the truth."""
+    references = rows["reference"].unique().tolist()
+    return tables.score_label(column, references[0] if len(references) == 1 else "the reference")
 
 
 def _with_dashes(table: pd.DataFrame) -> pd.DataFrame:
@@ -288,11 +351,14 @@ def _label_slopes(axes: Axes, planes: pd.DataFrame) -> None:
 def scatter(summary: pd.DataFrame) -> Figure:
     """The paper's figure: MPSNR against MSSIM, a point per light field, coloured by reference, shaped by method.
 
+    A method is left out where it is its own reference.
+
     Args:
         summary: Summary of an evaluation: columns `method`, `reference`, `mpsnr_db`, `mssim`.
     """
     tables.require(summary, *SERIES)
-    rows = tables.capped(tables.require_numbers(_with_dashes(summary), "mpsnr_db", "mssim"), "mpsnr_db")
+    judged = tables.judged_by_others(_with_dashes(summary))
+    rows = tables.capped(tables.require_numbers(judged, "mpsnr_db", "mssim"), "mpsnr_db")
     styles = _styles(_with_dashes(summary))
     figure = new_figure(7.5, 5)
     axes = figure.add_subplot()
@@ -300,6 +366,8 @@ def scatter(summary: pd.DataFrame) -> Figure:
         shape = {**styles[series], "color": REFERENCE_COLOURS.get(series[1], ORANGE), "linestyle": ""}
         axes.plot(group["mssim"], group["mpsnr_db"], markersize=6.5, alpha=0.75, **shape)
     fold_below_cap(axes)
-    style_axes(axes, tables.heading("mssim"), tables.heading("mpsnr_db"), "One point per light field")
+    judges = "the truth" if rows["reference"].isin(tables.TRUTHS).all() else "label sources and not by the truth"
+    title = f"One point per light field, judged by {judges}"
+    style_axes(axes, _judged_by(rows, "mssim"), _judged_by(rows, "mpsnr_db"), title)
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure

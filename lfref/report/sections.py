@@ -1,12 +1,15 @@
 """Sections of the report page, made from the files in run folders; a multirun becomes a table of its variants."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
+from matplotlib.figure import Figure
 
+from lfref.bench import engine_timing
+from lfref.bench.timing import FFT
 from lfref.errors import FileError, InputError, LfrefError
-from lfref.report import accuracy_time, bench_plots, plots, stability_table, sweeps, tables
+from lfref.report import accuracy_time, answers, bench_plots, crops, plots, stability_table, sweeps, tables
 from lfref.report.page import Section
 
 METRICS = "log/metrics.csv"
@@ -81,7 +84,7 @@ def training(folder: Path) -> Section:
     metrics = tables.read_table(folder / METRICS)
     values = tables.require_numbers(metrics, "val/mpsnr")["val/mpsnr"]
     first, best = values.iloc[0], values.max()
-    text = (
+    answer = (
         f"Against its own labels the network went from {first:.2f} dB MPSNR at its first validation to {best:.2f} dB "
         f"at its best, a rise of {best - first:.2f} dB."
     )
@@ -94,7 +97,7 @@ def training(folder: Path) -> Section:
     for pattern, caption in PICTURES.items():
         if pictures := sorted((folder / "pictures").glob(pattern)):
             last = {caption: pictures[-1]}
-    return Section("Training", text, {**figures, **last})
+    return Section("Training", answer=answer, figures={**figures, **last})
 
 
 def evaluation(folder: Path) -> Section:
@@ -103,25 +106,34 @@ def evaluation(folder: Path) -> Section:
     summary, planes = (
         pd.concat([tables.read_table(part / name) for part in parts], ignore_index=True) for name in (SUMMARY, PLANES)
     )
-    text = (
-        "Every method against both label sources, over the whole frame. None of the labels is the truth; they are the "
-        "sources that a network can be trained on. PSNR is capped at 100 dB."
+    by_truth = summary["reference"].isin(tables.TRUTHS).all() if "reference" in summary else False
+    text = "Every method against every reference, over the whole frame. " + (
+        "The reference is the picture of a lens. "
+        if by_truth
+        else "Labels are what a network can be trained on, and only rendered is the truth, the picture of a lens. "
     )
+    text += "A method is left out where it is its own reference. PSNR is capped at 100 dB."
     if parts != [folder]:
         _check_no_overlap(folder, summary)
         missing = sorted(path.parent.name for path in folder.glob(f"*/{CONFIG}") if path.parent not in parts)
         text += f" Jobs joined: {len(parts)}" + (f"; without a result: {', '.join(missing)}." if missing else ".")
-    figures = {
-        "MPSNR against MSSIM, one point per light field": plots.scatter(summary),
-        "Quality by plane": plots.quality_by_plane(planes),
-    }
-    drawn = sorted(path for part in parts for path in (part / "comparison").glob("*.png"))
-    comparisons = {f"Comparison on {path.stem}": path for path in drawn[:1]}
-    groups = tables.require_numbers(summary, "mpsnr_db", "mssim").groupby(plots.SERIES, sort=False, dropna=False)
+    shown = tables.require_numbers(tables.judged_by_others(summary), "mpsnr_db", "mssim")
+    groups = shown.groupby(plots.SERIES, sort=False, dropna=False)
     means = groups.agg(mpsnr_db=("mpsnr_db", "mean"), mssim=("mssim", "mean"), light_fields=("mssim", "size"))
+    n_fields = summary["light_field"].nunique()
+    caption = "Means over all light fields" if n_fields > 1 else f"Figures of {summary['light_field'].iloc[0]}"
+    answer = answers.of_evaluation(summary)
+    worst = summary["light_field"].iloc[0] if answer is None else answer.worst
+    drawn = [path for part in parts for path in (part / "comparison").glob("*.png") if path.stem == worst]
+    figures: dict[str, Figure | str | Path] = {}
+    if n_fields > 1:
+        figures["MPSNR against MSSIM, one point per light field"] = plots.scatter(summary)
+    figures["Quality by plane"] = plots.quality_by_plane(planes)
+    figures |= {f"Comparison on {path.stem}": path for path in drawn[:1]}
     files = {} if parts == [folder] else {SUMMARY: summary, PLANES: planes}
-    shown = {"Means over all light fields": means.reset_index()}
-    return Section("Evaluation", text, {**figures, **comparisons}, shown, files=files)
+    sentence, shown_crops = ("", {}) if answer is None else (answer.sentence, crops.read(folder, answer))
+    listed = {caption: means.reset_index()}
+    return Section("Evaluation", text, figures, listed, files=files, answer=sentence, crops=shown_crops)
 
 
 def _check_no_overlap(folder: Path, summary: pd.DataFrame) -> None:
@@ -144,19 +156,40 @@ def refocusing(folder: Path) -> Section:
 
 def benchmark(folder: Path) -> Section:
     """Accuracy against time, of `lfref bench`."""
-    rows, planes = (tables.read_table(folder / f"{name}.csv") for name in ("bench", "planes"))
+    rows, scenes = (tables.read_table(folder / f"{name}.csv") for name in ("bench", "scenes"))
     text = (
-        "Time for the whole stack of one light field, beside NumPy's 4-D FFT of the three channels in the same run, "
-        "which Fourier-slice refocusing needs before its first plane. Accuracy in the interior, against the reference "
-        "of each class: truth is the picture of a lens; exact_fourier, used where no truth is known, measures how an "
-        "operator forms the sum, and not how good the picture is; dense_integral, of all views of a capture, is "
-        "evidence of the second rank: at edges it knows no more than views do. In a mean, a PSNR counts by at most "
+        "Time is that of the whole stack of one light field; its unit is NumPy's 4-D FFT of the three channels in the "
+        "same run, which Fourier-slice refocusing needs before its first plane. Accuracy is that of the interior, "
+        "against the reference of each class. Truth is the picture of a lens: only by it there is a front. "
+        "exact_fourier, used where no truth is known, shows how an operator forms the sum, and not how good the "
+        "picture is; dense_integral, of all views of a capture, is evidence of the second rank: at edges it knows no "
+        "more than views do. A method is left out where it is its own reference. In a mean, a PSNR counts by at most "
         "70 dB; the median and the worst plane stand beside it."
     )
-    figures = {"Accuracy against time": accuracy_time.accuracy_time(rows), "By plane": plots.psnr_by_plane(planes)}
-    classes = rows.dropna(subset="class").groupby("class", sort=False)
-    by_class = {f"All figures: {name}": group.reindex(columns=ACCURACY_COLUMNS) for name, group in classes}
-    return Section("Accuracy against time", text, figures, by_class)
+    tables.require(rows, "method", "median_s", "class", "reference")
+    classes = {str(name): group for name, group in rows.dropna(subset="class").groupby("class", sort=False)}
+    figures = _fronts(rows[rows["method"] == FFT], classes)
+    if (folder / "planes.csv").is_file():  # scenes of wide baselines have no planes in common
+        planes = tables.read_table(folder / "planes.csv")
+        tables.require(planes, "class")
+        by_plane = tables.judged_by_others(planes).groupby("class", sort=False)
+        figures |= {f"By plane: {name}": plots.psnr_by_plane(group) for name, group in by_plane}
+    by_class = {
+        f"All figures: {name}": tables.judged_by_others(group).reindex(columns=ACCURACY_COLUMNS)
+        for name, group in classes.items()
+    }
+    answer = answers.of_bench(rows, scenes)
+    sentence, shown = ("", {}) if answer is None else (answer.sentence, crops.read(folder, answer))
+    return Section("Accuracy against time", text, figures, by_class, answer=sentence, crops=shown)
+
+
+def _fronts(fft: pd.DataFrame, classes: Mapping[str, pd.DataFrame]) -> dict[str, Figure | str | Path]:
+    """Caption -> plot of a class, beside the time of the FFT."""
+    return {
+        f"Accuracy against time: {name}": accuracy_time.accuracy_time(pd.concat([fft, group]))
+        for name, group in classes.items()
+        if accuracy_time.has_plot(group)
+    }
 
 
 def error_causes(folder: Path) -> Section:
@@ -167,7 +200,17 @@ def error_causes(folder: Path) -> Section:
         "else stays as it was, a mean over scenes; a mark is the gain of another method on the same views. Below 0, "
         "the change is for the better, or the method for the worse."
     )
-    return Section("Causes of error", text, {"Causes": bench_plots.error_causes(planes)}, {"Means over planes": rows})
+    tables.require(rows, "cause", "method", "cost_db", "won_db")
+    costs = tables.require_numbers(rows, "cost_db")
+    worst = costs.loc[costs["cost_db"].idxmax()]
+    remedies = tables.with_numbers(rows[rows["cause"] == worst["cause"]], "won_db")
+    best = remedies.loc[remedies["won_db"].idxmax()] if len(remedies) else None
+    answer = f"Of {costs['cause'].nunique()} causes of error, {worst['cause']} costs most, {worst['cost_db']:.1f} dB"
+    answer += (
+        f"; {best['method']} wins back {best['won_db']:.1f} dB." if best is not None and best["won_db"] > 0 else "."
+    )
+    figures = {"Causes": bench_plots.error_causes(planes)}
+    return Section("Causes of error", text, figures, {"Means over planes": rows}, answer=answer)
 
 
 def operators(folder: Path) -> Section:
@@ -177,7 +220,7 @@ def operators(folder: Path) -> Section:
     )
     tables.require(rows, *OPERATOR_COLUMNS)
     text = (
-        "One call for the whole stack of one light field. Speed is measured in NumPy's 4-D FFTs of the three channels "
+        "One call for the whole stack of one light field. The unit of time is NumPy's 4-D FFT of the three channels "
         "in the same run. Memory is that of the views and of all that a call allocates, the stack included, as a share "
         "of its budget: twice the field in float32 and the stack. Errors are against exact Fourier refocusing, where "
         "every view covers every plane."
@@ -188,7 +231,12 @@ def operators(folder: Path) -> Section:
     }
     by_axis = exponents.pivot_table("exponent", "method", "axis", sort=False).add_prefix("exponent_").reset_index()
     listed = {"All figures": rows[OPERATOR_COLUMNS], "Exponents of time along each axis": by_axis}
-    return Section("Costs of operators", text, figures, listed)
+    timed = tables.require_numbers(rows[rows["method"] != FFT], "numpy_ffts").sort_values("numpy_ffts")
+    measured = tables.with_numbers(timed, "memory_ratio")
+    (fast, slow), (least, most) = (timed[name].iloc[[0, -1]] for name in ("method", "numpy_ffts"))
+    answer = f"The fastest method, {fast}, takes {least:.2g} units of time, the slowest, {slow}, {most:.2g}; "
+    answer += f"{(measured['memory_ratio'] <= 1).sum()} of {len(measured)} keep to the budget of memory."
+    return Section("Costs of operators", text, figures, listed, answer=answer)
 
 
 def simulation(folder: Path) -> Section:
@@ -199,7 +247,11 @@ def simulation(folder: Path) -> Section:
         "compared with the truth, the picture of a lens, where every view covers every pixel."
     )
     figures = {"Time and accuracy": bench_plots.simulation(costs, planes)}
-    return Section("Simulator", text, figures, {"Time by scene": costs, "Accuracy by plane": planes})
+    saved = costs.loc[tables.require_numbers(costs, "forced_over_planned")["forced_over_planned"].idxmax()]
+    answer = f"Planning saves most time on the {saved['output']} of {saved['scene']}: a simulation of all passes takes "
+    answer += f"{saved['forced_over_planned']:.3g} times as long."
+    listed = {"Time by scene": costs, "Accuracy by plane": planes}
+    return Section("Simulator", text, figures, listed, answer=answer)
 
 
 def data_rates(folder: Path) -> Section:
@@ -210,7 +262,14 @@ def data_rates(folder: Path) -> Section:
         "for the next batch. What a faster device would wait is arithmetic, from the crops per second."
     )
     figures = {"Crops and waits": bench_plots.data_rates(rates, waits)}
-    return Section("Data", text, figures, {"Crops per second": rates, "Waits": waits})
+    most = rates.loc[tables.require_numbers(rates, "crops_per_s")["crops_per_s"].idxmax()]
+    least = waits.loc[tables.require_numbers(waits, "wait_share")["wait_share"].idxmin()]
+    answer = (
+        f"Most crops per second, {most['crops_per_s']:.3g}, come from {most['source']} fields by {most['workers']:.0f} "
+        f"workers, with labels of {most['label']} by the {most['labels_on']}; at best a training waits "
+        f"{100 * least['wait_share']:.2g} % of a step."
+    )
+    return Section("Data", text, figures, {"Crops per second": rates, "Waits": waits}, answer=answer)
 
 
 def engines(folder: Path) -> Section:
@@ -221,7 +280,13 @@ def engines(folder: Path) -> Section:
         "that of PSNR against the truth, the picture of a lens. Pictures of a network without training show nothing, "
         "so they are only compared with those of float32. The start is the time until the first stack is ready."
     )
-    return Section("Engines", text, {"Engines": bench_plots.engines(rows)}, {"All figures": rows})
+    tables.require_numbers(rows, "ratio_to_eager", "min_s", "agreement_db")
+    answer = "; ".join(
+        f"{row.engine} {row.precision} is fastest for {row.network}, {row.ratio_to_eager:.1f} times eager fp32"
+        for row in engine_timing.fastest(rows).itertuples()
+    )
+    sentence = f"At a loss of at most 0.1 dB, {answer}." if answer else ""
+    return Section("Engines", text, {"Engines": bench_plots.engines(rows)}, {"All figures": rows}, answer=sentence)
 
 
 MAKERS: dict[str, Callable[[Path], Section]] = {

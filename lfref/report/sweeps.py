@@ -117,8 +117,17 @@ def section(folder: Path, options: Options) -> Section:
         "reference": plots.sweep_curves(lines, labels[reference]),
     }
     text = _text(len(jobs), keys, constants, f"{labels[reference]} ({why})", rows, table)
-    files = {"sweep.csv": table, "sweep_jobs.csv": rows}
-    return Section(title, text, figures, {"By what varies": for_page(table, keys), **failures}, files=files)
+    files, shown = {"sweep.csv": table, "sweep_jobs.csv": rows}, {"By what varies": for_page(table, keys)}
+    changes = effects(variants, keys, reference) if len(keys) > 1 else pd.DataFrame()
+    if len(changes):
+        caption = (
+            "Effect of each choice alone: mean of all pairs of settings that differ in nothing else, its spread over "
+            "seeds, and its 95 % t interval"
+        )
+        figures = {caption: plots.sweep_effects(changes), **figures}
+        shown, files["sweep_effects.csv"] = {caption: effects_for_page(changes), **shown}, changes
+    answer = best_setting(len(jobs), rows, table, list(labels.values()), labels[reference])
+    return Section(title, text, figures, {**shown, **failures}, files=files, answer=answer)
 
 
 # The jobs, and what varies between them.
@@ -326,10 +335,60 @@ def summary(variants: Mapping[Variant, Sequence[Job]], keys: Sequence[str], refe
                 "difference_high_db": difference_high,
                 "mssim": pd.Series([job.best.get("val/mssim", math.nan) for job in jobs]).mean(),
                 "n_parameters": _first(job.run.training.get("n_parameters") for job in jobs),
-                "training_s": pd.Series([job.run.training.get("seconds") for job in jobs], dtype=float).mean(),
+                "training_s": _training_s(jobs),
             }
         )
     return pd.DataFrame(rows)
+
+
+def effects(variants: Mapping[Variant, Sequence[Job]], keys: Sequence[str], reference: Variant) -> pd.DataFrame:
+    """One row for each value of each key that is not the reference's: what that choice alone changes.
+
+    The change of one seed is the mean over all pairs of variants that differ in nothing but this choice, so that the
+    other choices count alike.
+
+    Args:
+        variants: Finished jobs of each variant.
+        keys: Keys that vary.
+        reference: Variant whose values the others are compared with.
+
+    Returns:
+        Columns `choice, value, compared_with, n_pairs, n_seeds, difference_db, std_db, difference_low_db,
+        difference_high_db, training_ratio`; no rows where no two variants differ in one choice only.
+    """
+    scores = {variant: by_seed(jobs) for variant, jobs in variants.items()}
+    seconds = {variant: _training_s(jobs) for variant, jobs in variants.items()}
+    rows = []
+    for place, key in enumerate(keys):
+        for value in dict.fromkeys(variant[place] for variant in variants if variant[place] != reference[place]):
+            alone = {variant: (*variant[:place], reference[place], *variant[place + 1 :]) for variant in variants}
+            pairs = [(one, other) for one, other in alone.items() if one[place] == value and other in scores]
+            if not pairs:
+                continue
+            changes = pd.concat([scores[one] - scores[other] for one, other in pairs], axis=1).mean(axis=1).dropna()
+            if changes.empty:
+                continue
+            low, high = t_interval(changes.tolist())
+            rows.append(
+                {
+                    "choice": key,
+                    "value": value,
+                    "compared_with": reference[place],
+                    "n_pairs": len(pairs),
+                    "n_seeds": len(changes),
+                    "difference_db": changes.mean(),
+                    "std_db": changes.std(),
+                    "difference_low_db": low,
+                    "difference_high_db": high,
+                    "training_ratio": sum(seconds[one] for one, _ in pairs) / sum(seconds[other] for _, other in pairs),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _training_s(jobs: Iterable[Job]) -> float:
+    """Mean seconds of training; NaN where no job noted them."""
+    return float(pd.Series([job.run.training.get("seconds") for job in jobs], dtype=float).mean())
 
 
 def _first(values: Iterable[int | None]) -> int | None:
@@ -373,6 +432,47 @@ def for_page(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     costs = ["mssim"] if table["mssim"].notna().any() else []  # a refiner has none
     costs += [name for name in ("n_parameters", "training_s", "stack_ffts") if name in table]
     return shown.assign(**table[costs])
+
+
+def effects_for_page(table: pd.DataFrame) -> pd.DataFrame:
+    """The effects with their spread and intervals as text; bold where an interval excludes 0."""
+    rows = [row | {"is_reference": False} for row in table.to_dict("records")]
+    return table[["choice", "value", "compared_with", "n_pairs", "n_seeds"]].assign(
+        change=[_difference(row) for row in rows], std_db=table["std_db"], training_ratio=table["training_ratio"]
+    )
+
+
+def best_setting(n_jobs: int, rows: pd.DataFrame, table: pd.DataFrame, names: Sequence[str], reference: str) -> str:
+    """The best setting, how far it is from the reference, and what the sweep cost, in a sentence.
+
+    Args:
+        n_jobs: Number of all jobs, with those that did not finish.
+        rows: Table of single runs.
+        table: Summary of the variants.
+        names: Name of each row of the summary.
+        reference: Name of the reference.
+    """
+    place = int(table["mean_db"].to_numpy().argmax())
+    best, base = table.iloc[place], table[table["is_reference"]].iloc[0]
+    spread = "" if math.isnan(best["std_db"]) else f" \N{PLUS-MINUS SIGN} {best['std_db']:.2f}"
+    words = f"Best of {counted(len(table), 'setting')}: {names[place]}, with {best['mean_db']:.2f}{spread} dB"
+    words += f" over {counted(int(best['n_seeds']), 'seed')}"
+    if best["is_reference"]:
+        words += ", the reference itself" if len(table) > 1 else ""
+    elif best["n_pairs"]:
+        difference = f"{abs(best['difference_db']):.2f} dB {'above' if best['difference_db'] >= 0 else 'below'}"
+        words += f", {difference} the reference ({reference})"
+        low, high = best["difference_low_db"], best["difference_high_db"]
+        if low <= 0 <= high:
+            words += ", which seeds alone may explain"
+        elif math.isnan(low):
+            words += " by a single seed, which proves nothing"
+        ratio = f"{best['training_s'] / base['training_s']:.2g}"
+        costs = {"nan": "", "1": ", in as much training time"}
+        words += costs.get(ratio, f", in {ratio} times its training time")
+    total = tables.format_cell("training_s", float(rows["training_s"].sum()))
+    known = rows["training_s"].notna().all()
+    return f"{words}; {counted(len(rows), 'job')} of {n_jobs} took {total} in all." if known else f"{words}."
 
 
 def _mean_and_std(row: Mapping[str, Any]) -> str:

@@ -12,12 +12,14 @@ from typing import Any
 
 import pandas as pd
 
-from lfref.bench.evaluation import DENSE
+from lfref.bench.evaluation import DENSE, TRUTH
 from lfref.errors import FileError, InputError
 from lfref.io import atomic
 
 CAP_DB = 100.0
 """PSNR in dB from which plots and tables show "≥ 100"."""
+TRUTHS = (TRUTH, "rendered")
+"""References that are pictures of a lens: the name in a bench, and that of the label in an evaluation."""
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 
@@ -39,7 +41,16 @@ def is_text(column: object) -> bool:
 
 def class_title(name: object, reference: object) -> str:
     """Title of a class of scenes in plots; held-out views show edges no better than views do, so they rank second."""
-    return f"{name}, against {reference}" + (", evidence of the second rank" if reference == DENSE else "")
+    if reference in TRUTHS:
+        return f"{name}, against {reference}"
+    rank = ", evidence of the second rank" if reference == DENSE else ""
+    return f"{name}, judged by {reference} and not by the truth{rank}"
+
+
+def score_label(column: str, reference: object) -> str:
+    """Label of an axis for a score; one by a reference that is not the truth names it."""
+    quantity, bracket, unit = heading(column).partition(" (")
+    return heading(column) if reference in TRUTHS else f"{quantity} against {reference}{bracket}{unit}"
 
 
 def plot_text(name: object, width: int = 28) -> str:
@@ -119,6 +130,13 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "mean_and_std": ("MPSNR (dB)", str),
     "difference": ("Less the reference (dB)", str),
     "n_parameters": ("Parameters", "{:,.0f}".format),
+    "choice": ("Choice", str),
+    "value": ("Value", str),
+    "compared_with": ("Instead of", str),
+    "n_pairs": ("Pairs of settings", _plain),
+    "change": ("Change (dB)", str),
+    "std_db": ("Spread over seeds (dB)", "{:.2f}".format),
+    "training_ratio": ("Training time", _times),
     "training_s": ("Training", _duration),
     "stack_ffts": ("Stack (FFTs)", _short),
     "median_s": ("Median (s)", _short),
@@ -263,6 +281,12 @@ def pareto_front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
 def capped(table: pd.DataFrame, column: str) -> pd.DataFrame:
     """The table with PSNR in that column cut at 100 dB; other columns stay as they are."""
     return table.assign(**{column: table[column].clip(upper=CAP_DB)}) if column.endswith("psnr_db") else table
+
+
+def judged_by_others(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows whose method is not its own reference: by itself, every method is perfect."""
+    require(rows, "method", "reference")
+    return rows[rows["method"] != rows["reference"]]
 
 
 def plane_axis(planes: pd.DataFrame) -> str:

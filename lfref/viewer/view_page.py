@@ -12,7 +12,7 @@ import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
@@ -36,8 +36,10 @@ PROGRAMS = ("geometry.js", "pictures.js", "lens.js", "page.js")
 """Files of the page's program, in the order of execution."""
 MOST_VIEW_PIXELS = 12_000_000
 """Most pixels of all views together. Larger views are made smaller, so that the page can be sent by mail."""
-QUALITY = 80
-"""Quality of pictures, WebP or JPEG, from 1 to 100."""
+QUALITIES = {".webp": (75, 80, 85, 90, 95, 100), ".jpg": (75, 80, 85, 90, 95, 98, 100)}
+"""Qualities of lossy pictures that are tried."""
+LEAST_DB = 38.5
+"""PSNR that pictures of the views should have, of encoded samples: pages of 9x9 Lytro views then stay below 3 MB."""
 LEAST_SEEN, MOST_CROPPED = 0.5, 0.15
 """Share of the views that see a pixel which is shown, and largest share of a side that is cropped away for it."""
 WINDOW, CENTRAL = 9, 0.35
@@ -95,10 +97,11 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
         `size` [H, W]; `crop`, what is shown: left, top, right, bottom as shares of the sides; `quantity` and `unit` of
         the planes' numbers, usually slopes; `slopes` (these numbers) and `titles` of the planes, from the least to the
         largest; `near`, 1 if larger numbers are nearer and -1 if smaller ones are; `start` with `slope` and `plane`,
-        the focus at first; `methods`, each with `name` and `planes` (pictures); `depth` with `low`, `high`, `disparity`, `confidence`, and
-        `least_confidence`, that of a known disparity; `sharp` and `map` (pictures); `scale` of the map's colours with
-        `low`, `high` and `bar` (a picture of them); `views` with `size`, `pictures`, `cameras` (x, y from the middle, in
-        view steps), and `masks`, pictures of the samples' weights, or None. Several methods have lossless pictures.
+        the focus at first; `methods`, each with `name` and `planes` (pictures, without loss if there are several);
+        `depth` with `low`, `high`, `disparity`, `confidence`, and `least_confidence`, that of a known disparity;
+        `sharp` and `map` (pictures); `scale` of the map's colours with `low`, `high` and `bar` (a picture of them);
+        `views` with `size`, `pictures`, `cameras` (x, y from the middle, in view steps), and `masks` (pictures of the
+        samples' weights, or None).
 
     Raises:
         InputError: There is no method, or the methods have different planes.
@@ -112,7 +115,8 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
     near = first.near_sign or -1
     values = [first.planes.values[plane] for plane in first.by_slope]
     start = _start(values, slopes, _interest(first, near * slopes, confidence))
-    encode = picture if len(methods) == 1 else lossless
+    coding = _coding(first)
+    encode = coding.uri if len(methods) == 1 else LOSSLESS.uri
     ends = disparity_colours.ends(slopes, first.planes.values)
     return {
         "size": list(first.field.size),
@@ -128,28 +132,54 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
         ],
         "start": start,
         "depth": _depth(slopes, confidence),
-        "sharp": picture(first.encoded(first.sharp)),
-        "map": picture(first.disparity_picture),
-        "scale": {"low": ends[0], "high": ends[1], "bar": picture(disparity_colours.coloured(_bar(*ends), *ends))},
-        "views": _views(first),
+        "sharp": coding.uri(first.encoded(first.sharp)),
+        "map": coding.uri(first.disparity_picture),
+        "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(disparity_colours.coloured(_bar(*ends), *ends))},
+        "views": _views(first, coding),
     }
 
 
-def picture(image: NDArray[np.floating]) -> str:
-    """An encoded image [H, W, C] in [0, 1] as a WebP in a data URI, or as a JPEG if OpenImageIO writes no WebP."""
-    return _encoded(image, "webp" if images.writes(".webp") else "jpeg")
+class Coding(NamedTuple):
+    """Format of pictures, by its suffix, and its quality from 1 to 100."""
+
+    suffix: str
+    quality: int
+
+    def coded(self, image: NDArray[np.floating]) -> tuple[bytes, NDArray]:
+        """A file of an encoded image [H, W, C] in [0, 1], and what is read from it, uint8."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, f"picture{self.suffix}")
+            images.write_parts(path, [images.Part(image)], 8, self.quality)
+            return path.read_bytes(), images.read_image(path)
+
+    def uri(self, image: NDArray[np.floating]) -> str:
+        """An encoded image [H, W, C] in [0, 1] as a data URI."""
+        kind = "jpeg" if self.suffix == ".jpg" else self.suffix[1:]
+        return f"data:image/{kind};base64,{_base64(self.coded(image)[0])}"
 
 
-def lossless(image: NDArray[np.floating]) -> str:
-    """An encoded image [H, W, C] in [0, 1] as a PNG in a data URI."""
-    return _encoded(image, "png")
+LOSSLESS = Coding(".png", images.QUALITY)
 
 
-def _encoded(image: NDArray[np.floating], kind: str) -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "picture" + images.FORMATS[kind].suffixes[0])
-        images.write_parts(path, [images.Part(image)], 8, QUALITY)
-        return f"data:image/{kind};base64,{_base64(path.read_bytes())}"
+def _coding(refocused: Refocused) -> Coding:
+    """The coding of the fewest bytes that shows a middle view with `LEAST_DB`, or the best one if none does.
+
+    WebP halves the resolution of colours: where these are fine, only JPEG reaches it.
+    """
+    view = refocused.field.views[tuple(length // 2 for length in refocused.field.grid)]
+    image = refocused.encoded(view)
+    tried: list[tuple[bool, float, Coding]] = []
+    for suffix in filter(images.writes, QUALITIES):
+        for quality in QUALITIES[suffix]:
+            coding = Coding(suffix, quality)
+            file, read = coding.coded(image)
+            error = float(np.square(read[..., :3] / 255 - image).mean())
+            decibels = -10 * math.log10(max(error, 1e-9))
+            if decibels >= LEAST_DB:
+                tried.append((True, -len(file), coding))
+                break
+            tried.append((False, decibels, coding))
+    return max(tried)[2]
 
 
 def _interest(refocused: Refocused, nearness: NDArray[np.floating], confidence: NDArray[np.floating]) -> Tensor:
@@ -200,7 +230,7 @@ def _bar(low: float, high: float) -> NDArray[np.float64]:
     return np.tile(np.linspace(low, high, BAR_SIZE[1]), (BAR_SIZE[0], 1))
 
 
-def _views(refocused: Refocused) -> dict[str, Any]:
+def _views(refocused: Refocused, coding: Coding) -> dict[str, Any]:
     field = refocused.field
     views = field.views.flatten(0, 1)
     scale = min(1.0, math.sqrt(MOST_VIEW_PIXELS / (len(views) * math.prod(field.size))))
@@ -224,11 +254,11 @@ def _views(refocused: Refocused) -> dict[str, Any]:
         if field.weight is not None and has_masks:
             # Samples without weight would darken those beside them.
             view = torch.lerp(refocused.mean, view, (field.weight.flatten(0, 1)[n] / weights[n]).to(view).clamp(0, 1))
-        return picture(refocused.encoded(smaller(view)))
+        return coding.uri(refocused.encoded(smaller(view)))
 
     def mask(n: int) -> str:
         assert field.weight is not None
-        return lossless(smaller(field.weight.flatten(0, 1)[n] / weights.amax()).permute(1, 2, 0).float().numpy())
+        return LOSSLESS.uri(smaller(field.weight.flatten(0, 1)[n] / weights.amax()).permute(1, 2, 0).float().numpy())
 
     cameras = positions.flatten(0, 1)[kept].tolist()
     return {

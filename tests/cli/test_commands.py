@@ -108,13 +108,17 @@ def test_refocus_corrects_a_reversed_axis_of_views_or_warns_of_it(lfref, trained
     assert "its views in another order: give reader.reverse_v=true" in log.read_text()
 
 
-def test_eval_writes_every_plane_and_the_means(lfref, trained):
+def test_eval_writes_every_plane_and_the_means_and_has_a_classical_method_beside_a_network(lfref, trained):
     checkpoint = trained / "run" / "checkpoints" / "best.ckpt"
     words = (f"input={trained}/scenes", f"checkpoint={checkpoint}", "+method@methods.s=shift_and_sum")
     assert lfref("eval", f"output={trained}/eval", *words)[0] == 0
     planes, summary = (table(trained / "eval" / f"{name}.csv") for name in ("planes", "summary"))
-    assert len(planes) == 2 * 2 * 2 * 16
-    assert len(summary) == 2 * 2 * 2
+    assert len(planes) == 2 * 3 * 2 * 16
+    assert len(summary) == 2 * 3 * 2
+    kinds = {row["method"]: row["is_network"] for row in summary}
+    assert kinds == {"run": "True", "shift_and_sum_through_cells": "False", "shift_and_sum": "False"}
+    assert len([*(trained / "eval" / "crops").glob("*.png")]) == 5
+    assert json.loads((trained / "eval" / "machine.json").read_text())["torch"] == torch.__version__
     own = [row for row in planes if row["method"] == row["reference"] == "shift_and_sum"]
     assert {float(row["psnr_db"]) for row in own} == {100.0}
     mean = sum(float(row["psnr_db"]) for row in planes[:16]) / 16
@@ -141,14 +145,21 @@ def test_bench_measures_every_method_beside_numpys_fft(lfref, trained):
 
 def test_report_gathers_everything_into_one_page(lfref, trained):
     if not (trained / "eval").exists():
-        test_eval_writes_every_plane_and_the_means(lfref, trained)
+        test_eval_writes_every_plane_and_the_means_and_has_a_classical_method_beside_a_network(lfref, trained)
     if not (trained / "bench").exists():
         test_bench_measures_every_method_beside_numpys_fft(lfref, trained)
     runs = ",".join(f"{trained}/{name}" for name in ("run", "eval", "bench"))
     assert lfref("report", f"output={trained}/report", f"runs=[{runs}]", "title='A <title>'")[0] == 0
     page = (trained / "report" / "index.html").read_text()
     assert "A &lt;title&gt;" in page
-    for words in ("rise of", "Accuracy against time", "MPSNR against MSSIM", "data:image/png;base64"):
+    assert json.loads((trained / "run" / "machine.json").read_text())["torch"] == torch.__version__
+    for words in (
+        "Machine and versions",
+        "rise of",
+        "Accuracy against time",
+        "MPSNR against MSSIM",
+        "data:image/png;base64",
+    ):
         assert words in page
 
 

@@ -42,6 +42,18 @@ def test_a_report_of_nothing_is_one_line_and_no_page(lfref, runs, tmp_path):
     assert not (tmp_path / "page" / "index.html").exists()
 
 
+def test_machines_of_all_runs_and_jobs_stand_at_the_end(lfref, runs, tmp_path):
+    whole, _ = runs
+    for folder, torch in ((whole, "2.13"), (whole / "0", "2.12"), (whole / "1", "2.13")):
+        folder.mkdir(exist_ok=True)
+        (folder / "machine.json").write_text(f'{{"torch": "{torch}", "cores": 2}}')
+    assert lfref("report", f"runs=[{whole}]", f"output={tmp_path}/page") == (0, "")
+    page = (tmp_path / "page" / "index.html").read_text()
+    assert page.index("Refocused: whole") < page.index("Machine and versions")
+    assert "<dt>torch</dt><dd>2.13; 2.12</dd>" in page
+    assert "<dt>cores</dt><dd>2</dd>" in page
+
+
 @pytest.mark.slow
 def test_a_sweep_of_the_command_line_becomes_a_table_beside_its_default(lfref, tmp_path):
     words = (*TINY, "trainer.max_epochs=2", "callbacks.progress=null", "callbacks.summary=null")

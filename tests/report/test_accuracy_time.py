@@ -71,8 +71,31 @@ def test_every_class_has_a_panel_that_says_its_reference():
     figure = accuracy_time.accuracy_time(
         pd.concat([rows, rows[1:].assign(**{"class": "capture", "reference": "exact_fourier"})])
     )
-    titles = [axes.get_title("left") for axes in figure.axes]
-    assert [title.partition(":")[0] for title in titles] == ["ideal, against truth", "capture, against exact_fourier"]
+    assert [axes.get_title("left") for axes in figure.axes] == [
+        "ideal, against truth: up and to the left is better",
+        "capture, judged by exact_fourier and not by the truth: higher is nearer, not better",
+    ]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["PSNR (dB)", "PSNR against exact_fourier (dB)"]
+
+
+def test_without_truth_there_is_no_front_and_no_method_judges_itself():
+    rows = pd.DataFrame(
+        [("a", 0.1, 30.0), ("b", 0.4, 45.0), ("exact", 0.2, 100.0)], columns=["method", "median_s", "psnr_db"]
+    )
+    axes = accuracy_time.accuracy_time(with_class(rows).assign(reference="exact")).axes[0]
+    *marks, landmark = axes.get_lines()
+    assert [points(mark) for mark in marks] == [[(0.1, 30.0)], [(0.4, 45.0)]]
+    assert {mark.get_color() for mark in marks} == {drawing.BLUE}
+    assert list(landmark.get_xdata()) == [1, 1]
+    assert {text.get_text() for text in axes.texts} == {"a", "b", "NumPy 4-D FFT, 1 s"}
+
+
+@pytest.mark.parametrize(
+    ("reference", "scenes", "expected"), [("truth", 2, True), ("truth", 1, False), ("alone", 2, False)]
+)
+def test_one_light_field_and_a_method_that_judges_itself_have_no_plot(reference, scenes, expected):
+    rows = with_class([{"method": "alone", "median_s": 1.0, "psnr_db": 30.0, "scenes": scenes}])
+    assert accuracy_time.has_plot(rows.assign(reference=reference)) == expected
 
 
 def test_whiskers_span_the_percentiles():

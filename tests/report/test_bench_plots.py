@@ -84,17 +84,20 @@ def growth_rows(powers):
     return pd.DataFrame(rows), pd.DataFrame(fitted)
 
 
-def test_growth_has_a_panel_per_axis_with_the_exponents_in_its_legend():
+def test_growth_has_a_panel_per_method_with_a_line_per_axis_and_the_exponents_above():
     rows, fitted = growth_rows({("a", "pixels"): 1.0, ("b", "pixels"): -0.5, ("a", "views"): 2.0, ("b", "views"): 0.0})
-    panels = bench_plots.growth(rows, fitted).axes
-    assert [axes.get_xlabel() for axes in panels] == ["Number of pixels", "Number of views"]
-    legends = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in panels]
-    assert legends == [["a  1.00", "b  \N{MINUS SIGN}0.50"], ["a  2.00", "b  0.00"]]
+    figure = bench_plots.growth(rows, fitted)
+    titles = [axes.get_title("left") for axes in figure.axes]
+    assert titles == ["a\npixels 1.00, views 2.00", "b\npixels \N{MINUS SIGN}0.50, views 0.00"]
+    _, pixels, _, views = figure.axes[0].get_lines()
+    assert list(pixels.get_xdata()) == list(views.get_xdata()) == [4 / 32, 8 / 32, 1]
+    assert list(views.get_ydata()) == [0.01 * n**2 for n in (4, 8, 32)]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["pixels", "views"]
 
 
 def test_the_fitted_power_runs_through_its_points():
     line, points = bench_plots.growth(*growth_rows({("a", "planes"): 1.5})).axes[0].get_lines()
-    assert list(points.get_xdata()) == [4, 8, 32]
+    assert list(points.get_xdata()) == [4 / 32, 8 / 32, 1]
     np.testing.assert_allclose(line.get_ydata(), points.get_ydata())
 
 
@@ -102,6 +105,26 @@ def test_figures_of_one_row_can_be_saved(tmp_path):
     drawing.save_figure(bench_plots.operator_costs(cost_rows()[:1]), tmp_path / "costs.png")
     drawing.save_figure(bench_plots.growth(*growth_rows({("_a", "planes"): 1.0})), tmp_path / "growth.png")
     assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in ("costs.png", "growth.png"))
+
+
+def data_rows(labels):
+    rates = [
+        {"source": "stored", "label": f"label_{n}", "labels_on": "device", "workers": workers, "crops_per_s": 10 + n}
+        for n in range(labels)
+        for workers in (0, 1)
+    ]
+    waits = [{"label": "sum", "labels_on": "device", "workers": workers, "wait_share": 0.25} for workers in (0, 1)]
+    return pd.DataFrame(rates), pd.DataFrame(waits)
+
+
+def test_ways_of_loading_are_lines_of_one_panel_or_if_they_are_more_than_seven_small_panels():
+    rates, waits = bench_plots.data_rates(*data_rows(7)).axes
+    assert [list(line.get_ydata()) for line in rates.get_lines()] == [[10 + n] * 2 for n in range(7)]
+    assert [list(line.get_ydata()) for line in waits.get_lines()] == [[25.0, 25.0]]
+    *panels, waits = (axes for axes in bench_plots.data_rates(*data_rows(9)).axes if axes.get_visible())
+    assert [axes.get_title("left") for axes in panels] == [f"stored, label_{n} by the device" for n in range(9)]
+    assert [list(axes.get_lines()[-1].get_ydata()) for axes in panels] == [[10 + n] * 2 for n in range(9)]
+    assert len(waits.get_lines()) == 1
 
 
 def engine_rows():
@@ -149,6 +172,14 @@ def test_of_the_simulator_each_scene_has_a_line_and_each_method_two_curves():
     assert [list(line.get_xdata()) for line in right.lines] == [[0.5, 1.0]] * 2
     _, right = bench_plots.simulation(SIMULATION_COSTS, SIMULATION_PLANES.assign(alpha=None)).axes
     assert [list(line.get_xdata()) for line in right.lines] == [[-1.0, 0.0]] * 2
+
+
+def test_more_methods_of_the_simulator_are_small_multiples():
+    planes = pd.concat(SIMULATION_PLANES.assign(method=f"sum_{n}") for n in range(4))
+    _, *panels = (axes for axes in bench_plots.simulation(SIMULATION_COSTS, planes).axes if axes.get_visible())
+    names = [f"sum_{n}, {what}" for n in range(4) for what in ("mean", "worst scene")]
+    assert [axes.get_title("left") for axes in panels] == names
+    assert [list(axes.get_lines()[-1].get_ydata()) for axes in panels] == [[30.0, 40.0], [20.0, 35.0]] * 4
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from lfref.errors import FileError
 from lfref.report import drawing, page, tables
 from lfref.report.page import Section
 
-EMPTY_TAGS = {"meta", "img"}
+EMPTY_TAGS = {"meta", "img", "wbr"}
 
 
 class Outline(HTMLParser):
@@ -89,7 +89,7 @@ def test_paragraphs_facts_and_tables_are_there(tmp_path):
         "Part", "one\nline\n\ntwo\n\n\n", tables={"All": pd.DataFrame([{"method": "a", "psnr_db": 31.256}])}
     )
     texts = Outline(written(tmp_path, [section], {"Parameters": 12500768, "MPSNR": "31 dB", "Seed": 0})).texts
-    assert texts["p"] == ["one\nline", "two"]
+    assert texts["p"][:2] == ["one\nline", "two"]
     assert texts["dt"] == ["Parameters", "MPSNR", "Seed"]
     assert texts["dd"] == ["12,500,768", "31 dB", "0"]
     assert texts["td"] == ["a", "31.26"]
@@ -108,8 +108,19 @@ def test_tables_have_readable_headings_and_numbers_to_the_right(tmp_path):
     assert not outline.all("figcaption")
 
 
-@pytest.mark.parametrize(("n_sections", "links"), [(0, 0), (3, 0), (4, 4)])
-def test_more_than_three_sections_get_a_contents_list_whose_links_lead_somewhere(tmp_path, n_sections, links):
+def test_answers_stand_above_crops_and_crops_above_text(tmp_path):
+    figure = drawing.new_figure(1, 1)
+    drawing.save_figure(figure, tmp_path / "crop.png")
+    section = Section("Part", "text", {"front": figure}, answer="an answer", crops={"a_<b>": tmp_path / "crop.png"})
+    text = written(tmp_path, [section, Section("Other")])
+    assert text.count("an answer") == 2  # in the contents, and in the section
+    assert "a_<wbr>&lt;b&gt;</figcaption>" in text
+    places = [text.rindex(part) for part in ("an answer", 'alt="a_&lt;b&gt;"', "<figcaption>front", "<p>text", "Other")]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize(("n_sections", "links"), [(0, 0), (1, 0), (2, 2)])
+def test_several_sections_get_a_contents_list_whose_links_lead_somewhere(tmp_path, n_sections, links):
     outline = Outline(written(tmp_path, [Section(f"Part {number}") for number in range(n_sections)]))
     targets = [link["href"].removeprefix("#") for link in outline.all("a")]
     assert len(targets) == links

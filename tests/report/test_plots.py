@@ -171,3 +171,50 @@ def test_every_class_has_a_panel_with_a_line_for_every_method():
     for axes, lift in ((ideal, 0.0), (sensor, -10.0)):
         assert [points(line) for line in axes.get_lines()] == [[(alpha, 30 + alpha + lift) for alpha in ALPHAS]] * 2
     assert [axes.get_title("left") for axes in (ideal, sensor)] == ["ideal, against truth", "sensor, against truth"]
+
+
+def many(n, kind="ideal"):
+    return pd.concat(planes(f"method_{i}", "truth", lift=float(i)).assign(**{"class": kind}) for i in range(n))
+
+
+def visible(figure):
+    return [axes for axes in figure.axes if axes.get_visible()]
+
+
+def test_more_than_seven_methods_are_small_multiples_in_which_all_others_are_grey():
+    assert len(visible(plots.psnr_by_plane(many(7)))) == 1
+    panels = visible(plots.psnr_by_plane(many(8)))
+    assert [axes.get_title("left") for axes in panels] == [f"method_{i}" for i in range(8)]
+    for lift, axes in enumerate(panels):
+        *others, own = axes.get_lines()
+        assert points(own) == [(alpha, 30 + alpha + lift) for alpha in ALPHAS]
+        assert (own.get_color(), {line.get_color() for line in others}) == (drawing.BLUE, {drawing.PALE})
+        assert len(others) == 8
+    assert not plots.psnr_by_plane(many(8)).legends
+    assert [len(visible(plots.quality_by_plane(many(n)))) for n in (7, 8)] == [2, 16]
+
+
+def test_curves_judged_by_a_method_say_so_and_leave_that_method_out():
+    judged = many(3, "capture").assign(reference="method_1")
+    (axes,) = plots.psnr_by_plane(judged).axes
+    assert axes.get_title("left") == "capture, judged by method_1 and not by the truth"
+    assert axes.get_ylabel() == "PSNR against method_1 (dB)"
+    assert [line.get_label() for line in axes.get_lines()] == ["method_0", "method_2"]
+    psnr, ssim = plots.quality_by_plane(judged).axes
+    assert (psnr.get_ylabel(), ssim.get_ylabel()) == ("PSNR against method_1 (dB)", "SSIM against method_1")
+    assert [len(axes.get_lines()) for axes in (psnr, ssim)] == [2, 2]
+
+
+@pytest.mark.parametrize(
+    ("reference", "title", "label"),
+    [
+        ("fourier_slice", "judged by label sources and not by the truth", "MPSNR against fourier_slice (dB)"),
+        ("rendered", "judged by the truth", "MPSNR (dB)"),
+    ],
+)
+def test_the_scatter_says_who_judges(reference, title, label):
+    rows = [{"method": name, "mpsnr_db": 20.0, "mssim": 0.5} for name in ("net", "fourier_slice")]
+    axes = plots.scatter(pd.DataFrame(rows).assign(reference=reference)).axes[0]
+    assert axes.get_title("left") == f"One point per light field, {title}"
+    assert axes.get_ylabel() == label
+    assert len(axes.get_lines()) == (1 if reference == "fourier_slice" else 2)

@@ -79,7 +79,7 @@ def test_sections_are_made_of_a_run_folder(tmp_path):
     tables.write_table(tmp_path / "stability.csv", ROWS)
     goal = {"figure": "error", "goal": "at most 1", "measured": 0.5, "textbook": None}
     tables.write_table(tmp_path / "goals.csv", [goal | {"holds": "yes"}, goal | {"holds": "no"}])
-    assert "1 of 2 goals" in stability_table.goals(tmp_path).text
+    assert stability_table.goals(tmp_path).answer == "1 of 2 goals hold."
     section = stability_table.hard_cases(tmp_path)
     assert list(section.figures) == ["SSIM"]
     assert set(section.tables) == {"Trials", "Our trials that fail"}

@@ -277,3 +277,68 @@ def test_runs_whose_checkpoint_is_gone_have_no_time_of_a_stack(sweep):
 def test_durations_have_the_unit_that_fits_them():
     shown = [tables.format_cell("training_s", value) for value in (12.34, 90, 720, 90_000.0, math.nan)]
     assert shown == ["12.3 s", "90.0 s", "12 min", "25 h", tables.DASH]
+
+
+GRID = {
+    ("relu", 3): (20.0, 22.0), ("gelu", 3): (21.0, 23.5), ("relu", 7): (20.5, 22.5), ("gelu", 7): (22.5, 24.0),
+    ("silu", 7): (19.0, 25.0),
+}  # fmt: skip
+"""Best validation of two seeds of an activation and a number of blocks."""
+
+
+@pytest.fixture
+def grid(tmp_path):
+    folder, number = tmp_path / "grid", 0
+    for (activation, blocks), of_seeds in GRID.items():
+        for seed, best in enumerate(of_seeds):
+            words = [f"net.activation={activation}", f"net.n_blocks={blocks}", f"seed={seed}"]
+            write_job(folder / str(number), words, best, seconds=20.0 * blocks)
+            number += 1
+    return folder
+
+
+def test_the_effect_of_a_choice_is_over_all_pairs_that_differ_in_nothing_else(grid):
+    gelu, silu, seven = section_of(grid).files["sweep_effects.csv"].to_dict("records")
+    # gelu less relu: of seed 0 the mean of 1 and 2, of seed 1 that of 1.5 and 1.5.
+    assert (gelu["choice"], gelu["value"], gelu["compared_with"]) == ("net.activation", "gelu", "relu")
+    assert (gelu["n_pairs"], gelu["n_seeds"], gelu["difference_db"], gelu["std_db"]) == (2, 2, 1.5, 0.0)
+    # silu less relu: only with seven blocks, -1.5 and 2.5; t of one degree of freedom is 12.706.
+    assert (silu["n_pairs"], silu["difference_db"]) == (1, 0.5)
+    assert silu["std_db"] == pytest.approx(8**0.5)
+    assert silu["difference_high_db"] == pytest.approx(0.5 + 12.7062 * 2, rel=1e-4)
+    # Seven blocks less three: of seed 0 the mean of 0.5 and 1.5, of seed 1 that of 0.5 and 0.5.
+    assert (seven["choice"], seven["value"], seven["n_pairs"], seven["difference_db"]) == ("net.n_blocks", "7", 2, 0.75)
+    assert (gelu["training_ratio"], seven["training_ratio"]) == (1.0, pytest.approx(7 / 3))
+
+
+def test_effects_are_the_first_figure_and_table_of_a_sweep_of_several_choices(grid, sweep):
+    section = section_of(grid)
+    figure, table = next(iter(section.figures.values())), next(iter(section.tables.values()))
+    (axes,) = figure.axes
+    (means,) = (line for line in axes.get_lines() if line.get_marker() == "D")
+    assert list(means.get_xdata()) == section.files["sweep_effects.csv"]["difference_db"].tolist()
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == ["net.activation: gelu for relu", "net.activation: silu for relu", "net.n_blocks: 7 for 3"]
+    assert table["change"].tolist()[0] == "+1.50 (+1.50 to +1.50)"
+    assert "sweep_effects.csv" not in section_of(sweep).files
+
+
+def test_a_sweep_answers_with_its_best_setting_its_gain_and_its_cost(grid, sweep):
+    assert section_of(grid).answer == (
+        "Best of 5 settings: activation=gelu, n_blocks=7, with 23.25 ± 1.06 dB over 2 seeds, 2.25 dB above the "
+        "reference (activation=relu, n_blocks=3), which seeds alone may explain, in 2.3 times its training time; 10 "
+        "jobs of 10 took 18 min in all."
+    )
+    assert section_of(sweep).answer == (
+        f"Best of 2 settings: relu, with 24.50 ± {np.std(RELU, ddof=1):.2f} dB over 3 seeds, 1.50 dB above the "
+        "reference (softplus), in as much training time; 6 jobs of 6 took 9 min in all."
+    )
+    reference = section_of(sweep, reference=("relu",)).answer
+    assert "relu, with 24.50 ± 3.77 dB over 3 seeds, the reference itself; " in reference
+
+
+def test_a_single_seed_proves_nothing(tmp_path):
+    write_sweep(tmp_path, softplus=SOFTPLUS[:1], relu=RELU[:1])
+    assert (
+        "1.00 dB above the reference (softplus) by a single seed, which proves nothing" in section_of(tmp_path).answer
+    )

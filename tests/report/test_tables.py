@@ -146,6 +146,17 @@ def test_a_name_with_dollars_is_no_formula():
     assert tables.plot_text("one_two_three", width=9) == "one_two_\nthree"
 
 
-def test_held_out_views_are_named_as_evidence_of_the_second_rank():
+def test_titles_and_labels_say_when_no_truth_judges():
     assert tables.class_title("ideal", "truth") == "ideal, against truth"
-    assert tables.class_title("hold_out", "dense_integral").endswith("dense_integral, evidence of the second rank")
+    held_out = "hold_out, judged by dense_integral and not by the truth, evidence of the second rank"
+    assert tables.class_title("hold_out", "dense_integral") == held_out
+    assert tables.score_label("psnr_db", "truth") == "PSNR (dB)"
+    assert tables.score_label("psnr_db", "exact") == "PSNR against exact (dB)"
+    assert tables.score_label("ssim", "exact") == "SSIM against exact"
+
+
+def test_a_method_is_left_out_where_it_is_its_own_reference():
+    rows = pd.DataFrame({"method": ["a", "b", "fft"], "reference": ["a", "a", None]})
+    assert tables.judged_by_others(rows)["method"].tolist() == ["b", "fft"]
+    with pytest.raises(InputError, match="'reference'"):
+        tables.judged_by_others(rows[["method"]])

@@ -4,10 +4,13 @@ import csv
 import json
 import re
 
+import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from lfref.cli import config as configs
+from lfref.report import answers, crops
+from lfref.report.tables import read_table
 from lfref.simulator import sim30
 
 QUICK = ("repeats=1", "warmup=0", "device=cpu", "planes.alphas=[0.5,1]")
@@ -52,6 +55,25 @@ def test_scenes_are_evaluated_by_truth_without_their_sensor_with_it_and_correcte
     assert len(found["evaluation"]) == 4 * 2 * 2
     assert all(imread(folder / f"{name}.png").std() > 0.05 for name in ("accuracy_time", "by_plane"))
     assert json.loads((folder / "machine.json").read_text())["sim30"] == sim30.VERSION
+    assert {row["is_network"] for row in found["bench"]} == {"False"}
+
+
+def test_the_log_has_the_answer_and_crops_show_where_ours_is_worst(front):
+    _, folder = front("test_scenes=[stripes,graded]", "scene.camera.size=[32,40]", "margin=4", "aliased=true")
+    answer = answers.of_bench(*(read_table(folder / f"{name}.csv") for name in ("bench", "scenes")))
+    assert (answer.kind, len(answer.scores)) == ("ideal", 2)
+    assert answer.sentence in (folder / "bench.log").read_text()
+    shown = crops.read(folder, answer)
+    assert len(shown) == 5
+    _, other, ours, truth, _ = (imread(file).astype(float) for file in shown.values())
+    assert all(picture.shape == truth.shape and truth.std() > 0.05 for picture in (ours, other))
+    # The plane is our worst one, so its error is that of the table; the crop is where it is greatest.
+    worst = min(
+        float(row["psnr_db"])
+        for row in tables(folder)["evaluation"]
+        if (row["class"], row["scene"], row["method"]) == (answer.kind, answer.worst, answer.ours)
+    )
+    assert np.square(ours - truth).mean() ** 0.5 == pytest.approx(10 ** (-worst / 20), abs=0.004)
 
 
 def test_the_aliased_version_stands_beside_the_other(front):
@@ -73,6 +95,9 @@ def test_the_reference_of_captures_is_exact_refocusing_and_the_log_says_so(lfref
     assert {(row["class"], row["reference"]) for row in found["evaluation"]} == {("capture", "exact_fourier")}
     assert (float(found["bench"][2]["psnr_db"]), float(found["bench"][2]["median_psnr_db"])) == (70, 100)
     assert "no truth is known" in (folder / "bench.log").read_text()
+    # One light field is no scatter, and exact_fourier is not drawn against itself.
+    assert not (folder / "accuracy_time.png").exists()
+    assert "judged by exact_fourier and not by the truth, shift_and_sum has" in (folder / "bench.log").read_text()
 
 
 def test_the_reference_of_every_second_view_is_the_integral_over_all(lfref, front, tmp_path):
