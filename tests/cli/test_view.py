@@ -12,7 +12,13 @@ from lfref.io import images, write
 from tests.io import lytro_drawing
 from tests.viewer import cases
 
-WORDS = ("view", "slopes=[-0.5,0,1]", "method@methods.first=shift_and_sum_cubic", "correct=none")
+WORDS = (
+    "view",
+    "slopes=[-0.5,0,1]",
+    "method@methods.first=shift_and_sum_cubic",
+    "method@methods.second=shift_and_sum",
+    "correct=none",
+)
 
 
 @pytest.fixture
@@ -75,8 +81,8 @@ def test_a_file_for_sharing_of_a_lytro_camera_becomes_a_page_of_its_pictures(lfr
     assert "lambdas" in text
     assert "px per view step" not in text
     for plane, number in zip(made["methods"][0]["planes"], (2, 1, 0), strict=True):
-        (tmp_path / "plane.jpg").write_bytes(base64.b64decode(plane.partition(",")[2]))
-        picture = images.read_image(tmp_path / "plane.jpg")
+        (tmp_path / "plane").write_bytes(base64.b64decode(plane.partition(",")[2]))
+        picture = images.read_image(tmp_path / "plane")
         assert abs(picture.astype(int) - lytro_drawing.stack_picture(number)).max() < 16
     steps = np.frombuffer(base64.b64decode(made["depth"]["disparity"]), "<u2").reshape(48, 64)
     np.testing.assert_allclose(steps[[0, 0, -1], [0, -1, -1]] / 65535 * 9.5 - 5.5, [-5.5, 0.25, 4.0], atol=1e-3)

@@ -1,6 +1,9 @@
 """A disc before a wall, whose disparities are known, refocused by two methods."""
 
+import dataclasses
 import functools
+
+import torch
 
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
@@ -23,6 +26,16 @@ def scene(grid=(5, 5), size=(96, 128)):
     disc = Surface(Plane(NEAR), Noise((0.3, 0.5, 0.4), (0.3, 0.3, 0.3)), Disc(28.0))
     simulated = simulate(Scene(Camera(grid, size), (wall, disc)), outputs=("views", "disparity"))
     return LightField(simulated.views.clamp(0, 1), "disc <before> a wall"), simulated.disparity
+
+
+def with_black_corners():
+    """The views with round black corners, of weight 0, that lie elsewhere in each view."""
+    field, _ = scene()
+    y, x = torch.meshgrid(torch.arange(96) - 47.5, torch.arange(128) - 63.5, indexing="ij")
+    steps = torch.arange(5) - 2
+    radius = torch.hypot(y + 3 * steps[:, None, None, None], x + 3 * steps[:, None, None])
+    weight = (radius < 72).float()[:, :, None]
+    return dataclasses.replace(field, views=field.views * weight, weight=weight)
 
 
 def methods(**options):

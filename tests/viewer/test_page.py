@@ -1,19 +1,27 @@
-"""The page in a browser: from disk, by mouse, keyboard and finger, wide and narrow, without the network."""
+"""The page in a browser: from disk, by mouse, keyboard and finger, at any size, without the network."""
 
-import re
+import base64
+import io
 import shutil
 
 import numpy as np
 import pytest
+import torch
 
+from lfref.functional.psnr import psnr
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
 from tests.viewer import cases
 
 playwright = pytest.importorskip("playwright.sync_api")
+Image = pytest.importorskip("PIL.Image")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
 SOFTWARE = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 """Graphics by the processor: test machines have no other."""
+WIDE = {"viewport": {"width": 1280, "height": 900}, "reduced_motion": "reduce"}
+FAR, NEAR = cases.FAR, cases.NEAR
 
 
 @pytest.fixture(scope="module")
@@ -35,17 +43,18 @@ def path(tmp_path_factory):
 
 @pytest.fixture
 def opened(browser, path):
-    """Function (options of the page) -> the page; in the end it has logged no message and loaded nothing."""
+    """Function (address, options of the browser) -> the page; in the end it has logged nothing and loaded nothing."""
     messages, requests, contexts = [], [], []
 
     def open_(fragment="", **options):
-        contexts.append(browser.new_context(**{"viewport": {"width": 1280, "height": 900}} | options))
+        contexts.append(browser.new_context(**WIDE | options))
         tab = contexts[-1].new_page()
         tab.on("console", lambda message: messages.append(message.text))
         tab.on("pageerror", lambda error: messages.append(str(error)))
         tab.on("request", lambda request: requests.append(request.url))
         tab.goto(path.as_uri() + fragment)
-        tab.wait_for_selector("#stage[data-drawn=planes]")
+        tab.wait_for_function("() => drawing !== null")
+        settle(tab)
         return tab
 
     yield open_
@@ -55,201 +64,488 @@ def opened(browser, path):
     assert [url for url in requests if not url.startswith(("data:", "blob:", path.as_uri()))] == []
 
 
-def pixels(tab, canvas="flat"):
-    """What a canvas shows, [H, W, 3] of 0 to 255."""
-    values = tab.evaluate(
-        """async (name) => {
-          const from = document.getElementById(name), made = document.createElement("canvas");
-          [made.width, made.height] = [from.width, from.height];
-          const context = made.getContext("2d");
-          context.drawImage(from, 0, 0);
-          const data = context.getImageData(0, 0, made.width, made.height).data;
-          return [made.height, made.width, Array.from(data)];
+def settle(tab):
+    """Wait until nothing moves, and the picture at rest is drawn."""
+    tab.wait_for_function("() => !motion && !isRequested && stage.dataset.rests === 'true' && drawing.took() !== null")
+
+
+def state(tab):
+    return tab.evaluate("() => ({ ...lens, zoom: place.zoom, middle: place.x, by: stage.dataset.by })")
+
+
+def pixels(tab, **lens):
+    """What the lens draws, light [3, H, W], or a lens with other numbers."""
+    height, width, values = tab.evaluate(
+        """(part) => {
+          drawing.draw({ ...lens, ...part });
+          const read = drawing.pixels();
+          return [read.height, read.width, Array.from(read.data)];
         }""",
-        canvas,
+        lens,
     )
-    return np.array(values[2], np.float64).reshape(values[0], values[1], 4)[..., :3]
+    encoded = torch.tensor(values, dtype=torch.float64).reshape(height, width, 4)[..., :3].permute(2, 0, 1) / 255
+    return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
-def click(tab, x, y):
-    """Click a pixel of the picture and wait until the focus has moved."""
-    box = tab.locator("#stage").bounding_box()
-    tab.mouse.click(box["x"] + (x + 0.5) / 128 * box["width"], box["y"] + (y + 0.5) / 96 * box["height"])
+def saved(tab):
+    """Name and encoded pixels [H, W, 3] of the picture that is saved."""
+    with tab.expect_download() as waiting:
+        tab.locator("#stage").press("s")
+    picture = np.asarray(Image.open(waiting.value.path()).convert("RGB"), np.float64) / 255
+    return waiting.value.suggested_filename, picture
+
+
+def inner(stack, margin=6):
+    return stack[..., margin:-margin, margin:-margin]
+
+
+def in_window(tab, x, y):
+    """The point of the window where a point of the picture, shares of its sides, lies."""
+    box = tab.evaluate("() => currentBox()")
+    return box["left"] + x * box["width"], box["top"] + y * box["height"]
+
+
+def tap(tab, x, y):
+    tab.mouse.click(*in_window(tab, x, y))
     settle(tab)
 
 
-def settle(tab):
-    """Wait until nothing moves, and what is asked for is drawn."""
-    tab.wait_for_function("() => motion === 0")
-    tab.evaluate("() => draw()")
+def drag(tab, dx, dy, start=(600, 420)):
+    tab.mouse.move(*start)
+    tab.mouse.down()
+    tab.mouse.move(start[0] + dx, start[1] + dy, steps=4)
+    tab.mouse.up()
+    settle(tab)
 
 
-def plane(tab):
-    return int(tab.get_attribute("#stage", "data-plane"))
+def open_drawer(tab):
+    tab.click("#more")
+    settle(tab)
 
 
-def expected_plane(slope, name="linear"):
-    refocused = cases.methods()[name]
-    return 255 * refocused.encoded(refocused.stack[cases.PLANES.values.index(slope)])
+# The picture.
 
 
-def test_a_click_focuses_on_what_was_clicked(opened):
+def test_it_opens_sharp_on_the_disc_and_shows_the_best_method(opened):
     tab = opened()
-    click(tab, 64, 48)
-    assert plane(tab) == 4
-    assert "nearest plane: slope 1" in tab.inner_text("#status")
-    assert np.abs(pixels(tab) - expected_plane(1.0)).mean() < 3
-    click(tab, 8, 12)
-    assert plane(tab) == 1
-    assert np.abs(pixels(tab) - expected_plane(-0.5)).mean() < 3
-    assert tab.locator("#mark").is_visible()
+    assert state(tab)["slope"] == pytest.approx(NEAR, abs=0.05)
+    assert state(tab)["by"] == "plane"
+    assert tab.locator("#flat").evaluate("canvas => getComputedStyle(canvas).opacity") == "1"
 
 
-def test_the_plane_under_a_click_is_the_nearest_one_wherever_there_is_texture(opened):
+def test_the_lens_is_the_plain_sum_where_nothing_blurs(opened):
+    tab = opened()
+    field, truth = cases.scene()
+    for slope in (FAR, NEAR):
+        expected = shift_and_sum(field.views, [slope])[0].double()
+        is_sharp = inner(truth - slope).abs() < 0.05
+        assert is_sharp.float().mean() > 0.1
+        error = inner(pixels(tab, slope=slope) - expected)[:, is_sharp].square().mean()
+        assert -10 * float(error.log10()) > 40
+
+
+def test_blur_is_that_of_cells_at_the_disparity_of_each_pixel(opened):
+    tab = opened()
+    field, disparity = cases.scene()[0], cases.methods()["linear"].disparity.disparity
+    for slope in (-2.0, 2.5):
+        ours = inner(pixels(tab, slope=slope))
+        cells = shift_and_sum(field.views, [slope], interpolation="cubic", fill=1.0, disparity=disparity)
+        plain = shift_and_sum(field.views, [slope])
+        to_cells, to_plain = (float(psnr(ours, inner(stack[0].double()))) for stack in (cells, plain))
+        assert to_cells > max(48, to_plain + 2)
+
+
+def test_a_pinhole_shows_a_view_from_any_viewpoint(opened):
+    tab = opened()
+    field, _ = cases.scene()
+    for x, y, view in ((0, 0, (2, 2)), (2, -1, (1, 4))):
+        shown = pixels(tab, slope=0, aperture=0, x=x, y=y)
+        assert float(psnr(inner(shown), inner(field.views[view].double()))) > 35
+
+
+def test_without_webgl_the_processor_sums_the_views(opened):
+    tab = opened("#plain")
+    assert tab.get_attribute("#live", "data-by") == "canvas"
+    field, _ = cases.scene()
+    expected = shift_and_sum(field.views, [0.0])[0].double()
+    coarse = torch.nn.functional.avg_pool2d(expected, 2)
+    assert float(psnr(inner(pixels(tab, slope=0.0)), inner(coarse))) > 30
+
+
+def test_samples_without_weight_leave_no_shadow(browser, tmp_path):
+    field = cases.with_black_corners()
+    stack = shift_and_sum_through_cells(field.views, cases.PLANES.slopes)
+    content = view_page.page_content({"cells": Refocused(field, stack, cases.PLANES)})
+    assert content["crop"][0] > 0
+    assert len(content["views"]["masks"]) == 25
+    view_page.write(tmp_path / "index.html", "corners", {}, content)
+    tab = browser.new_context(**WIDE).new_page()
+    tab.goto((tmp_path / "index.html").as_uri())
+    tab.wait_for_function("() => drawing !== null")
+    shown, whole = pixels(tab, slope=0.0), cases.scene()[0].views.mean((0, 1)).double()
+    left, top, right, bottom = content["crop"]
+    rows, columns = slice(round(top * 96), round(bottom * 96)), slice(round(left * 128), round(right * 128))
+    corner = (..., slice(rows.start, rows.start + 8), slice(columns.start, columns.start + 8))
+    assert float((shown[corner] / whole[corner]).mean()) == pytest.approx(1, abs=0.1)
+    tab.context.close()
+
+
+# Taps.
+
+
+def test_a_tap_moves_the_focus_there(opened):
+    tab = opened()
+    tap(tab, 0.06, 0.12)
+    assert state(tab)["slope"] == pytest.approx(FAR, abs=0.05)
+    assert "Focus" in tab.inner_text("#status")
+    tap(tab, 0.5, 0.5)
+    assert state(tab)["slope"] == pytest.approx(NEAR, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "part", [{}, {"tiltX": 0.8, "tiltY": -0.5}, {"x": 1.5, "y": -1.0}, {"x": -1.0, "tiltX": 0.6, "slope": 0.3}]
+)
+def test_taps_are_right_under_tilt_and_from_any_viewpoint(opened, part):
     field, truth = cases.scene()
     grey = field.views[2, 2].mean(0).numpy()
     y, x = np.nonzero(np.hypot(*np.gradient(grey)) > 0.03)
-    assert len(y) > 1000
-    found = opened().evaluate(
-        "(points) => points.map(([x, y]) => nearestPlane(slopeAt(x, y).slope))", np.stack([x, y], 1).tolist()
+    chosen = np.random.default_rng(0).permutation(len(y))[:100]
+    tab = opened()
+    misses = tab.evaluate(
+        """([points, part, steps]) => points.map(([x, y, disparity]) => {
+          const from = { ...WHOLE, ...part };
+          // Where the point of the central view lies in the picture, by steps towards it.
+          let at = [x, y];
+          for (let step = 0; step < 20; step++) {
+            const slope = localSlope(from, at);
+            at = [x + ((disparity - slope) * from.x) / WIDTH, y + ((disparity - slope) * from.y) / HEIGHT];
+          }
+          const seen = pointSeen(from, at, (point) => disparityOf(pixelAt(point)), SCENE);
+          const slope = focusOn(from, seen, disparityNear(seen).disparity);
+          return localSlope({ ...from, slope }, [x, y]) - disparity;
+        })""",
+        [
+            [[(c + 0.5) / 128, (r + 0.5) / 96, float(truth[r, c])] for r, c in zip(y[chosen], x[chosen], strict=True)],
+            part,
+            None,
+        ],
     )
-    rising = np.array(sorted(cases.PLANES.values))
-    nearest = np.abs(rising[:, None] - truth.numpy()[y, x]).argmin(0)
-    assert (np.array(found) == nearest).mean() >= 0.95
+    # Half a step of the planes; points that another surface hides from this viewpoint are not there to be tapped.
+    assert (np.abs(misses) < 0.25).mean() >= 0.95
 
 
-def test_a_click_on_unknown_disparity_keeps_the_focus(opened):
+def test_a_tap_on_unknown_disparity_keeps_the_focus(opened):
     tab = opened()
     tab.evaluate("() => depth.confidence.fill(0)")
-    before = plane(tab)
-    click(tab, 64, 48)
-    assert plane(tab) == before
-    assert "disparity there is unknown" in tab.inner_text("#status")
+    before = state(tab)["slope"]
+    tap(tab, 0.1, 0.1)
+    assert state(tab)["slope"] == before
+    assert "unknown" in tab.inner_text("#status")
 
 
-def test_the_slider_and_the_keyboard_move_the_focus(opened):
+def test_a_tap_hits_what_is_seen_in_an_enlarged_picture(opened):
     tab = opened()
-    tab.locator("#plane").fill("0")
+    tab.mouse.move(300, 300)
+    tab.mouse.wheel(0, -500)
     settle(tab)
-    assert plane(tab) == 0
-    assert tab.inner_text("#plane_text") == "slope -1, alpha 0.5"
-    assert np.abs(pixels(tab) - expected_plane(-1.0)).mean() < 3
-    tab.locator("#stage").focus()
-    for key, expected in (
-        ("ArrowRight", 1),
-        ("ArrowUp", 2),
-        ("ArrowLeft", 1),
-        ("End", 4),
-        ("ArrowRight", 4),
-        ("Home", 0),
-    ):
-        tab.keyboard.press(key)
-        assert plane(tab) == expected
+    assert state(tab)["zoom"] > 2
+    tap(tab, 0.2, 0.25)
+    assert state(tab)["slope"] == pytest.approx(FAR, abs=0.05)
 
 
-def test_a_sweep_goes_through_the_planes_until_it_is_stopped(opened):
+# Gestures.
+
+
+def test_a_drag_looks_around_and_near_things_follow_it(opened):
     tab = opened()
+    tap(tab, 0.06, 0.12)  # the wall stays where it is, the disc moves
+    before = pixels(tab, aperture=0)
+    drag(tab, 150, 0)
+    assert state(tab)["x"] > 0.3
+    assert state(tab)["y"] == 0
+    after = pixels(tab, aperture=0)
+    weight = [(light[1] - light[0]).clamp(min=0) for light in (before, after)]
+    centres = [float((each * torch.arange(128)).sum() / each.sum()) for each in weight]
+    assert centres[1] > centres[0] + 0.2
+
+
+def test_shift_tilts_and_control_moves_the_enlarged_picture(opened):
+    tab = opened()
+    tab.keyboard.down("Shift")
+    drag(tab, 100, -50)
+    tab.keyboard.up("Shift")
+    tilted = state(tab)
+    assert tilted["tiltX"] > 0.1
+    assert tilted["tiltY"] < 0
+    tab.locator("#stage").press("+")
+    tab.keyboard.down("Control")
+    drag(tab, 100, 0)
+    tab.keyboard.up("Control")
+    assert state(tab)["middle"] < 0.5
+    assert state(tab)["tiltX"] == tilted["tiltX"]
+
+
+def test_the_wheel_zooms_about_the_pointer_and_not_beyond_the_edge(opened):
+    tab = opened()
+    tab.mouse.move(500, 300)
+    at = tab.evaluate("() => pointUnder(currentBox(), 500, 300)")
+    tab.mouse.wheel(0, -600)
+    settle(tab)
+    assert tab.evaluate("() => pointUnder(currentBox(), 500, 300)") == pytest.approx(at, abs=1e-3)
+    tab.mouse.wheel(0, 5000)
+    settle(tab)
+    assert state(tab)["zoom"] == 1
+
+
+def test_two_fingers_zoom(opened):
+    tab = opened(viewport={"width": 390, "height": 844}, has_touch=True)
+    session = tab.context.new_cdp_session(tab)
+
+    def touch(kind, *points):
+        touched = [{"x": x, "y": y, "id": n} for n, (x, y) in enumerate(points)]
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touched})
+
+    touch("touchStart", (150, 400))
+    touch("touchStart", (150, 400), (250, 400))
+    touch("touchMove", (100, 400), (300, 400))
+    touch("touchEnd")
+    settle(tab)
+    assert state(tab)["zoom"] == pytest.approx(2, rel=0.05)
+    assert state(tab)["slope"] == pytest.approx(NEAR, abs=0.05), "a pinch is no tap"
+
+
+def test_a_finger_focuses_on_a_telephone(opened):
+    tab = opened(viewport={"width": 390, "height": 844}, has_touch=True)
+    assert tab.evaluate("() => document.documentElement.scrollWidth") <= 390
+    tab.touchscreen.tap(*in_window(tab, 0.06, 0.12))
+    settle(tab)
+    assert state(tab)["slope"] == pytest.approx(FAR, abs=0.05)
+
+
+def test_a_tilted_telephone_looks_around(opened):
+    tab = opened(reduced_motion="no-preference", fragment="#f=0")
+    for gamma in (0, 10):
+        tab.evaluate(
+            "(gamma) => dispatchEvent(new DeviceOrientationEvent('deviceorientation', { alpha: 0, beta: 40, gamma }))",
+            gamma,
+        )
+    settle(tab)
+    assert state(tab)["x"] == pytest.approx(1.0, abs=0.01)
+
+
+# Keys and sliders.
+
+
+def test_every_key_does_what_the_page_says(opened):
+    tab = opened()
+    stage, lens = tab.locator("#stage"), lambda: tab.evaluate("() => ({ ...lens })")
+    for key, changes in {
+        "ArrowRight": {"x": 0.2},
+        "ArrowUp": {"y": -0.2},
+        "Shift+ArrowLeft": {"tiltX": -2 * 2 * 20 / 1280},
+        "[": {"aperture": 3.6},
+        "]": {"aperture": 4.0},
+        "Home": {"slope": 1.0},
+        "End": {"slope": -1.0},
+        "PageUp": {"slope": -0.96},
+    }.items():
+        before = lens()
+        stage.press(key)
+        settle(tab)
+        after = lens()
+        assert {name: after[name] for name in changes} == pytest.approx(changes), key
+        assert {name for name in after if after[name] != before[name]} == {*changes}
+    stage.press("0")
+    settle(tab)
+    whole = tab.evaluate("() => ({ ...WHOLE })")
+    assert lens() == whole
+    stage.press("Home")
+    stage.press("Enter")
+    settle(tab)
+    assert lens()["slope"] == pytest.approx(NEAR, abs=0.05), "the middle of the picture"
+
+
+def test_sliders_and_state_mirror_each_other(opened):
+    tab = opened()
+    tab.locator("#focus").fill("0")
+    tab.locator("#aperture").fill("1")
+    settle(tab)
+    assert tab.evaluate("() => [lens.slope, lens.aperture]") == [-1, 1]
+    tab.locator("#stage").press("Home")
+    settle(tab)
+    assert tab.input_value("#focus") == "1"
+    assert "slope 1.00" in tab.get_attribute("#focus", "aria-valuetext")
+
+
+def test_a_sweep_goes_from_near_to_far_until_it_is_stopped(opened):
+    tab = opened()
+    open_drawer(tab)
     tab.click("#sweep")
-    planes = set()
+    slopes = set()
     for _ in range(200):
         tab.wait_for_timeout(30)
-        planes.add(plane(tab))
-        if len(planes) == 5:
+        slopes.add(round(tab.evaluate("() => lens.slope"), 1))
+        if min(slopes) <= -0.9 and max(slopes) >= 0.9:
             break
-    assert planes == {0, 1, 2, 3, 4}
-    tab.locator("#stage").focus()
-    tab.keyboard.press(" ")
-    assert tab.get_attribute("#sweep", "aria-pressed") == "false"
-    still = plane(tab)
-    tab.wait_for_timeout(400)
-    assert plane(tab) == still
+    assert len(slopes) > 5
+    tab.click("#sweep")
+    still = tab.evaluate("() => lens.slope")
+    tab.wait_for_timeout(300)
+    assert tab.evaluate("() => lens.slope") == still
 
 
-def test_the_wipe_shows_two_methods_beside_each_other(opened):
+def test_many_events_of_a_slider_are_one_drawing_a_frame(opened):
     tab = opened()
-    tab.locator("#plane").fill("1")
-    tab.locator("#wipe").fill("50")
+    tab.evaluate(
+        """() => {
+          globalThis.drawn = 0;
+          const draw = drawing.draw;
+          drawing.draw = (...words) => { drawn++; draw(...words); };
+          const slider = find("focus");
+          for (let k = 0; k < 100; k++) { slider.value = k / 99; slider.dispatchEvent(new Event("input")); }
+        }"""
+    )
     settle(tab)
-    made = pixels(tab)
-    for half, name in ((np.s_[:, :60], "linear"), (np.s_[:, 68:], "dim")):
-        assert np.abs(made[half] - expected_plane(-0.5, name)[half]).mean() < 3
+    assert tab.evaluate("() => drawn") <= 2, "one while it moves, and one at rest"
+    assert tab.evaluate("() => lens.slope") == 1
 
 
-@pytest.mark.parametrize(("fragment", "by"), [("", "webgl"), ("#plain", "canvas")])
-def test_the_lens_sums_the_views_as_shift_and_sum_does(opened, fragment, by):
-    tab = opened(fragment)
-    tab.locator("#plane").fill("4")
-    tab.check("input[value=lens]")
-    tab.wait_for_selector("#stage[data-drawn=lens]")
-    assert tab.get_attribute("#lens", "data-by") == by
-    own, other = (np.abs(coarse(pixels(tab, "lens")) - coarse(expected_plane(slope))).mean() for slope in (1.0, -0.5))
-    assert own < 3
-    assert other > 2 * own
+# The drawer.
 
 
-def coarse(picture):
-    """Of 48 by 64 pixels, without the border."""
-    side = len(picture) // 48
-    return picture.reshape(48, side, 64, side, 3).mean((1, 3))[6:-6, 6:-6]
-
-
-def test_a_small_aperture_shows_one_view_and_the_viewpoint_moves_it(opened):
-    tab = opened()
-    tab.check("input[value=lens]")
-    tab.wait_for_selector("#stage[data-drawn=lens]")
-    tab.locator("#slope").fill("0")
-    tab.locator("#aperture").fill("0")
-    field, _ = cases.scene()
-    shown = cases.methods()["linear"]
-    for across, down, view in ((0, 0, (2, 2)), (2, -1, (1, 4))):
-        tab.locator("#across").fill(str(across))
-        tab.locator("#down").fill(str(down))
-        settle(tab)
-        assert np.abs(pixels(tab, "lens") - 255 * shown.encoded(field.views[view])).mean() < 3
-    tab.click("#reset")
-    assert tab.input_value("#aperture") == "4"
+def test_methods_are_compared_without_loss(opened):
+    tab = opened("#f=-0.5")
+    open_drawer(tab)
+    tab.check("#compare")
+    settle(tab)
+    assert state(tab)["by"] == "compare"
+    canvas = tab.evaluate("() => flatCanvas.toDataURL('image/png')").partition(",")[2]
+    shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(canvas))).convert("RGB"), np.float64) / 255
+    box = tab.evaluate("() => boxOf(place, [flatCanvas.width, flatCanvas.height], crop, SIZE)")
+    for x, name in ((0.25, "linear"), (0.75, "dim")):
+        refocused = cases.methods()[name]
+        expected = refocused.encoded(refocused.stack[cases.PLANES.values.index(-0.5)])
+        left, top = (int(box["left"] + x * box["width"]), int(box["top"] + 0.5 * box["height"]))
+        size = int(box["width"] / 128 * 4)
+        own = shown[top - size : top + size, left - size : left + size].mean((0, 1))
+        row, column = 48, int(x * 128)
+        assert own == pytest.approx(expected[row - 4 : row + 4, column - 4 : column + 4].mean((0, 1)), abs=0.01)
+    tab.check("#difference")
+    settle(tab)
+    difference = tab.evaluate(
+        "() => Array.from(flat.getImageData(flatCanvas.width / 2, flatCanvas.height / 2, 1, 1).data)"
+    )
+    assert max(difference[:3]) == 255, "8 times a difference of two fifths"
 
 
 def test_other_pictures_are_shown_and_saved(opened):
     tab = opened()
-    for mode in ("sharp", "map"):
-        tab.check(f"input[value={mode}]")
-        tab.wait_for_selector(f"#stage[data-drawn={mode}]")
-        assert tab.locator(".bar").is_visible() == (mode == "map")
-    assert re.fullmatch(
-        r"-?\d\.\d\d slope, px per view step \d\.\d\d", tab.locator(".ends").first.inner_text().replace("\n", " ")
-    )
-    with tab.expect_download() as waiting:
-        tab.click("#save")
-    assert waiting.value.suggested_filename.startswith("map_")
-    click(tab, 64, 48)
-    assert tab.is_checked("input[value=planes]")
-    assert plane(tab) == 4
+    open_drawer(tab)
+    for show in ("sharp", "map"):
+        tab.check(f"#show_{show}")
+        settle(tab)
+        assert state(tab)["by"] == show
+    name, picture = saved(tab)
+    assert name == "A_disc_script_alert_1_script_map.png"
+    assert picture.shape == (96, 128, 3)
+    tap(tab, 0.06, 0.12)
+    assert tab.is_checked("#show_picture")
 
 
-def test_a_narrow_screen_and_a_finger_do(opened):
-    tab = opened(viewport={"width": 390, "height": 844}, has_touch=True)
-    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
-    box = tab.locator("#stage").bounding_box()
-    assert box["width"] > 350
-    tab.touchscreen.tap(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+def test_the_picture_is_saved_in_its_own_pixels_with_its_focus_in_the_name(opened):
+    tab = opened("#f=0.25&a=2")
     settle(tab)
-    assert plane(tab) == 4
+    name, picture = saved(tab)
+    assert name == "A_disc_script_alert_1_script_slope_0.25.png"
+    light = pixels(tab).permute(1, 2, 0).numpy()
+    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    assert np.abs(picture - encoded).max() < 0.01
 
 
-def test_reduced_motion_moves_the_focus_at_once(opened):
-    tab = opened(reduced_motion="reduce")
-    box = tab.locator("#stage").bounding_box()
-    tab.locator("#plane").fill("0")
-    tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    assert plane(tab) == 4, "at once"
-
-
-def test_every_control_has_a_name_and_titles_are_no_programs(opened):
+def test_a_loop_is_saved_as_a_video(opened):
     tab = opened()
-    assert tab.inner_text("h1") == "A disc <script>alert(1)</script>"
-    unnamed = tab.evaluate(
-        """() => [...document.querySelectorAll("input, select, button")]
-          .filter((each) => !(each.labels?.length || each.textContent.trim())).map((each) => each.id)"""
-    )
-    assert unnamed == []
+    open_drawer(tab)
+    with tab.expect_download(timeout=30_000) as waiting:
+        tab.click("#loop")
+    assert waiting.value.suggested_filename.rpartition(".")[2] in ("mp4", "webm")
+    assert waiting.value.path().stat().st_size > 10_000
+
+
+def test_the_drawer_opens_beside_the_picture_and_gives_the_focus_back(opened):
+    tab = opened()
+    open_drawer(tab)
+    stage, drawer = (tab.locator(name).bounding_box() for name in ("#stage", "#drawer"))
+    assert stage["x"] + stage["width"] <= drawer["x"] + 1
+    tab.keyboard.press("Escape")
+    assert tab.locator("#drawer").is_hidden()
+    assert tab.evaluate("() => document.activeElement.id") == "more"
+
+
+# The address, and a page around this one.
+
+
+def test_the_address_holds_the_state_and_opens_it(opened):
+    tab = opened()
+    tap(tab, 0.06, 0.12)
+    drag(tab, 100, 40)
+    address = tab.evaluate("() => location.hash")
+    again = opened(address)
+    for name in ("slope", "x", "y", "aperture"):
+        assert again.evaluate(f"() => lens.{name}") == pytest.approx(tab.evaluate(f"() => lens.{name}"), abs=1e-3)
+    again.evaluate("() => { location.hash = '#f=0.5&a=1'; }")
+    again.wait_for_function("() => lens.slope === 0.5")
+    assert again.evaluate("() => lens.aperture") == 1
+
+
+def test_an_embedded_page_shows_the_picture_alone_and_listens(browser, path, tmp_path):
+    frame = f'<iframe src="{path.as_uri()}#embed&f=0.5" width=600 height=400></iframe>'
+    script = "<script>said = []; onmessage = (event) => said.push(event.data.lfref);</script>"
+    (tmp_path / "around.html").write_text(f"<!doctype html>{script}{frame}")
+    tab = browser.new_context(**WIDE).new_page()
+    tab.goto((tmp_path / "around.html").as_uri())
+    inside = tab.frames[1]
+    inside.wait_for_function("() => drawing !== null && lens.slope === 0.5")
+    for hidden in (".edge", ".corner", "h1"):
+        assert inside.locator(hidden).is_hidden()
+    tab.evaluate("() => frames[0].postMessage({ lfref: 'f=-0.25&a=2' }, '*')")
+    inside.wait_for_function("() => lens.slope === -0.25 && lens.aperture === 2")
+    tab.wait_for_function("() => said.includes('f=-.25&a=2')")
+    tab.context.close()
+
+
+# For everybody.
+
+
+def test_it_shows_what_it_can_do_once_unless_motion_is_unwanted(opened):
+    tab = opened(reduced_motion="no-preference")
+    assert "Tap to focus" in tab.inner_text("#status")
+    assert tab.evaluate("() => performance.now()") > 2000, "the first breath takes two seconds"
+    assert tab.evaluate("() => [lens.x, lens.slope - WHOLE.slope]") == [0, 0]
+    still = opened()
+    assert still.inner_text("#status") == ""
+    still.mouse.click(*in_window(still, 0.06, 0.12))
+    still.wait_for_function(f"() => Math.abs(lens.slope - {FAR}) < 0.05", timeout=2000)
+
+
+def test_full_screen_and_back(opened):
+    tab = opened()
+    tab.click("#full")
+    tab.wait_for_function("() => document.fullscreenElement !== null")
+    tab.click("#full")
+    tab.wait_for_function("() => document.fullscreenElement === null")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 900), (2560, 1440)])
+def test_axe_finds_nothing(opened, width, height, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    tab = opened(viewport={"width": width, "height": height}, color_scheme=scheme, bypass_csp=True)
+    for opens in (False, True):
+        if opens:
+            open_drawer(tab)
+        found = axe.Axe().run(tab)
+        assert found.violations_count == 0, found.generate_report()
+
+
+def test_a_title_is_no_program(opened):
+    assert opened().inner_text("h1") == "A disc <script>alert(1)</script>"
