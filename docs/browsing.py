@@ -1,7 +1,7 @@
-"""The page of `lfref view`: how soon it shows its first picture and another plane, and what it looks like.
+"""The page of `lfref view`: how soon it shows a picture, how fast it follows, how good its lens is, what it looks like.
 
-`python docs/browsing.py` leaves `runs/figures/browsing/browsing.json`, from which `docs/measure.py browsing` makes a
-paragraph, and `page.png`, from which `docs/pictures.py page.jpg` makes a picture.
+`python docs/browsing.py` leaves `runs/figures/browsing/browsing.json`, from which `docs/measure.py browsing lens` makes
+a paragraph and a table, and `page.png`, from which `docs/pictures.py page.jpg` makes a picture.
 """
 
 import json
@@ -15,75 +15,131 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import experiments
+import torch
 from matplotlib.figure import Figure
 
+from lfref import encoding
+from lfref.functional.psnr import psnr
+from lfref.geometry import FocalPlanes
 from lfref.io import images
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.report import drawing
+from lfref.report.refocused import Refocused
+from lfref.viewer import view_page
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "browsing"
-SCENE, CLICK = "thicket", (0.535, 0.57)
-"""Scene of the picture of the page, and the point that is clicked, on a twig: shares of width and height."""
+SCENE, TAP = "thicket", (0.535, 0.57)
+"""Scene of the picture of the page, and the point that is tapped, on a twig: shares of width and height."""
 WINDOW, PIXELS_WIDE = (1100, 755), 900
 """Size of the window, and width of the picture, in pixels."""
-SIZE, N_PLANES, LOADS, ROUNDS = (375, 540), 16, 7, 3
+GRID, SIZE, LOADS, N_EVENTS = (9, 9), (375, 540), 7, 20
+QUALITY_SCENES, QUALITY_SLOPES, MARGIN = ("thicket", "twigs", "apple"), (-7.0, -3.0, -1.0, 0.2, 0.5, 1.0), 12
 FIRST_PAINT = "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null"
-SWITCH = """async (plane) => {
-  const slider = document.getElementById("plane"), start = performance.now();
-  slider.value = plane;
-  state.plane = plane;
-  await show();
-  document.getElementById("flat").getContext("2d").getImageData(0, 0, WIDTH, HEIGHT);
-  return performance.now() - start;
+RESTS = "() => stage.dataset.rests === 'true' && !motion && !isRequested && drawing.took() !== null"
+EVENTS = """async (n) => {
+  const slider = find("focus");
+  for (let k = 0; k < n; k++) {
+    slider.value = k / (n - 1);
+    slider.dispatchEvent(new Event("input"));
+    await new Promise((next) => setTimeout(next, 16));
+  }
+  const last = performance.now();
+  while (isRequested || drawing.took() === null) await new Promise((next) => setTimeout(next, 4));
+  return performance.now() - last;
 }"""
-"""Until the plane is drawn: its pixels are read, which waits for that and takes time itself."""
+"""Milliseconds from the last of n events of a slider until what it asks for is drawn."""
+PICTURE = """(slope) => {
+  drawing.draw({ ...WHOLE, slope });
+  const read = drawing.pixels();
+  return [read.height, read.width, Array.from(read.data)];
+}"""
 
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """The Chromium that is installed."""
+    """The Chromium that is installed, with graphics by the processor where there is no other."""
     from playwright.sync_api import sync_playwright  # only who measures needs it
 
+    graphics = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=graphics)
         yield browser
         browser.close()
 
 
-def measure(page: Path) -> dict[str, float]:
-    """Milliseconds that a page of `lfref view` takes to its first picture, and to another plane."""
+def opened(browser: Any, page: Path, **options: Any) -> Any:
+    """A page whose lens is ready and rests."""
+    tab = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, "reduced_motion": "reduce"} | options)
+    tab = tab.new_page()
+    tab.goto(page.as_uri())
+    tab.wait_for_function("() => drawing !== null")
+    tab.wait_for_function(RESTS)
+    return tab
+
+
+def measure(page: Path) -> dict[str, Any]:
+    """Milliseconds that a page of `lfref view` takes to its first picture, to its lens, and to follow a slider."""
+    paints, ready, following = [], [], []
     with chromium() as browser:
-        paints, switches, first = [], [], []
         for _ in range(LOADS):
-            tab = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
-            tab.goto(page.as_uri())
-            tab.wait_for_selector("#stage[data-drawn=planes]")
+            tab = opened(browser, page)
+            ready.append(tab.evaluate("() => readyAt"))
             paints.append(tab.evaluate(FIRST_PAINT))
-            times = [tab.evaluate(SWITCH, plane) for _ in range(ROUNDS) for plane in range(N_PLANES)]
-            first.append(max(times[:N_PLANES]))
-            switches += times[N_PLANES:]
+            following.append(tab.evaluate(EVENTS, N_EVENTS))
             tab.context.close()
         version = browser.version
+    times = {"paint_ms": paints, "ready_ms": ready, "following_ms": following}
     return {
         "version": version,
         "megabytes": page.stat().st_size / 1e6,
-        "paint_ms": statistics.median(paints),
-        "longest_paint_ms": max(paints),
-        "switch_ms": statistics.median(switches),
-        "longest_switch_ms": max(switches),
-        "longest_first_switch_ms": max(first),
+        **{name: statistics.median(values) for name, values in times.items()},
+        **{f"longest_{name}": max(values) for name, values in times.items()},
     }
 
 
+def qualities() -> list[dict[str, Any]]:
+    """PSNR against the truth, scene by scene and slope by slope, of the page's lens and of our operators."""
+    planes, rows = FocalPlanes(QUALITY_SLOPES), []
+    with chromium() as browser, tempfile.TemporaryDirectory() as name:
+        for case in experiments.cases(QUALITY_SCENES, planes):
+            plain, cells = (
+                operator(case.light.views, planes.slopes) for operator in (shift_and_sum, shift_and_sum_through_cells)
+            )
+            shown = Refocused(case.light, cells, planes)
+            page = Path(name, "index.html")
+            view_page.write(page, "quality", {}, view_page.page_content({"cells": shown}))
+            tab = opened(browser, page)
+            pictures = [_light(tab.evaluate(PICTURE, slope)) for slope in QUALITY_SLOPES]
+            stacks = {"shift_and_sum": plain, "shift_and_sum_through_cells": cells, "page": torch.stack(pictures)}
+            inner = (..., slice(MARGIN, -MARGIN), slice(MARGIN, -MARGIN))
+            for method, stack in stacks.items():
+                values = psnr(stack[inner].double(), case.reference[inner].double())
+                rows += [
+                    {"scene": case.light.name, "method": method, "slope": slope, "psnr_db": float(value)}
+                    for slope, value in zip(QUALITY_SLOPES, values, strict=True)
+                ]
+            tab.context.close()
+    return rows
+
+
+def _light(read: tuple[int, int, list[int]]) -> torch.Tensor:
+    """Pixels of the page as linear light, [3, H, W]."""
+    height, width, values = read
+    pixels = torch.tensor(values, dtype=torch.uint8).reshape(height, width, 4)[..., :3].permute(2, 0, 1)
+    return torch.from_numpy(images.decoded(pixels.numpy(), encoding.SRGB))
+
+
 def photograph(page: Path) -> None:
-    """Write `page.png`, a picture of a page of `lfref view` after a click."""
+    """Write `page.png`, a picture of a page of `lfref view` after a tap."""
     with chromium() as browser:
         size = dict(zip(("width", "height"), WINDOW, strict=True))
-        tab = browser.new_context(viewport=size, device_scale_factor=PIXELS_WIDE / WINDOW[0]).new_page()
-        tab.goto(page.as_uri())
-        stage = tab.wait_for_selector("#stage[data-drawn=planes]")
-        box = stage.bounding_box()
-        tab.mouse.click(box["x"] + CLICK[0] * box["width"], box["y"] + CLICK[1] * box["height"])
-        tab.wait_for_timeout(500)  # until it is drawn
+        tab = opened(browser, page, viewport=size, device_scale_factor=PIXELS_WIDE / WINDOW[0])
+        box = tab.evaluate("() => currentBox()")
+        tab.mouse.click(box["left"] + TAP[0] * box["width"], box["top"] + TAP[1] * box["height"])
+        tab.wait_for_timeout(50)
+        tab.wait_for_function(RESTS)
+        tab.wait_for_timeout(1500)  # until the ring and the text are gone
         tab.screenshot(path=RUN / "page.png")
 
 
@@ -99,30 +155,42 @@ def picture() -> Figure:
 
 
 def browsing() -> Iterator[str]:
-    """Times to the first picture and to another plane."""
+    """Times to the first picture, to the lens, and to follow a slider."""
     figures = json.loads((RUN / "browsing.json").read_text())
     texts = {name: f"{value:.0f} ms" for name, value in figures.items() if name.endswith("_ms")}
-    yield f"A page of {figures['megabytes']:.1f} MB (7x7 views of {SIZE[0]}x{SIZE[1]} pixels, {N_PLANES} planes, two"
-    yield f"methods) shows its first picture {texts['paint_ms']} after it is opened from disk (median of {LOADS}; the"
-    yield f"longest {texts['longest_paint_ms']}), and another plane in {figures['switch_ms']:.1f} ms (the longest"
-    yield f"{texts['longest_switch_ms']}; {texts['longest_first_switch_ms']} when planes are shown for the first time)."
-    yield f"Chromium {figures['version']}, without a graphics processor."
+    yield f"A page of {figures['megabytes']:.1f} MB ({GRID[0]}x{GRID[1]} views of {SIZE[0]}x{SIZE[1]} pixels) shows"
+    yield f"its first picture {texts['paint_ms']} after it is opened from disk (median of {LOADS}; the longest"
+    yield f"{texts['longest_paint_ms']}) and draws by its lens after {texts['ready_ms']} ({texts['longest_ready_ms']})."
+    yield f"After {N_EVENTS} events of a slider, the last one is drawn within {texts['following_ms']}"
+    yield f"({texts['longest_following_ms']}). Chromium {figures['version']}, without a graphics processor."
+
+
+def lens() -> Iterator[str]:
+    """Quality of the page's lens beside that of our operators."""
+    rows = json.loads((RUN / "browsing.json").read_text())["lens"]
+    yield "| scene, PSNR in dB | " + " | ".join(f"slope {slope:g}" for slope in QUALITY_SLOPES) + " |"
+    yield "|---" * (len(QUALITY_SLOPES) + 1) + "|"
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        for method in dict.fromkeys(row["method"] for row in rows):
+            values = [row["psnr_db"] for row in rows if (row["scene"], row["method"]) == (scene, method)]
+            yield f"| {scene}, {method} | " + " | ".join(f"{value:.1f}" for value in values) + " |"
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {"page.jpg": picture} if (RUN / "page.png").is_file() else {}
 IS_MEASURED = (RUN / "browsing.json").is_file()
-TABLES: dict[str, Callable[[], Iterator[str]]] = {"browsing": browsing} if IS_MEASURED else {}
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"browsing": browsing, "lens": lens} if IS_MEASURED else {}
 
 
 def main() -> None:
     """Write pages, open them, and write `browsing.json` and `page.png`."""
     lfref = [sys.executable, "-m", "lfref.cli.main"]
     with tempfile.TemporaryDirectory() as name:
-        size = f"scene.camera.size=[{SIZE[0]},{SIZE[1]}]"
-        subprocess.run([*lfref, "simulate", f"output={name}/scene", "n_fields=1", size, "outputs=[views]"], check=True)
+        camera = [f"scene.camera.grid=[{GRID[0]},{GRID[1]}]", f"scene.camera.size=[{SIZE[0]},{SIZE[1]}]"]
+        words = ("n_fields=1", *camera, "outputs=[views]")
+        subprocess.run([*lfref, "simulate", f"output={name}/scene", *words], check=True)
         (scene,) = Path(name, "scene").glob("simulated_*")
-        subprocess.run([*lfref, "view", str(scene), f"output={name}/view", f"planes.n={N_PLANES}"], check=True)
-        figures = measure(Path(name, "view", "index.html"))
+        subprocess.run([*lfref, "view", str(scene), f"output={name}/view"], check=True)
+        figures = measure(Path(name, "view", "index.html")) | {"lens": qualities()}
         RUN.mkdir(parents=True, exist_ok=True)
         words = ("scene=sim30", f"scene.name={SCENE}", "outputs=[views]", f"output={name}/thicket")
         subprocess.run([*lfref, "simulate", *words], check=True)

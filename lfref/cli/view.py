@@ -1,4 +1,4 @@
-"""`lfref view`: one HTML page on which people refocus a light field, from disk, without a server."""
+"""`lfref view`: an HTML page on which people refocus a light field, without a server; several get a gallery."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from lfref.viewer import view_page
 
 
 def view(config: DictConfig, folder: Path) -> None:
-    """Write a page for each light field; with more than one input each gets its own result folder."""
+    """Write a page for each light field; several get a result folder each, and a gallery of the pages."""
     device, exposure = device_of(config.device), steps.exposure(config)
     refocusers = [refocuser.to(device) for refocuser in _refocusers(config)]
     configured_planes: Planes = configs.build(config.planes)
@@ -61,10 +61,15 @@ def view(config: DictConfig, folder: Path) -> None:
             shown["truth"] = Refocused(field, _checked_truth(truth, field, planes), planes, gain)
         return shown
 
+    gallery: list[view_page.GalleryEntry] = []
+
     def write_page(name: str, shown: dict[str, Refocused]) -> None:
         place = steps.result_folder(folder, name, fields[name], named) / "index.html"
         title = config.title or next(iter(shown.values())).field.name
-        view_page.write(place, title, _facts(shown), view_page.page_content(shown))
+        content = view_page.page_content(shown)
+        view_page.write(place, title, _facts(shown), content)
+        first = content["methods"][0]["planes"][content["start"]["plane"]]
+        gallery.append(view_page.GalleryEntry(name, place.relative_to(folder).as_posix(), first))
         log.info("%s: open %s (%.1f MB)", name, place, place.stat().st_size / 1e6)
 
     stages: dict[str, steps.Step] = {
@@ -73,7 +78,12 @@ def view(config: DictConfig, folder: Path) -> None:
         "refocusing": refocus,
         "writing the page": write_page,
     }
-    steps.process(fields, stages, "viewing")
+    try:
+        steps.process(fields, stages, "viewing")
+    finally:  # also where some of them have failed
+        if len(gallery) > 1:
+            view_page.write_gallery(folder / "index.html", config.title or "Light fields", gallery)
+            log.info("open %s", folder / "index.html")
 
 
 def _refocusers(config: DictConfig) -> list[Refocuser]:

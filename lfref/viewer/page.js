@@ -36,6 +36,7 @@ let place = { ...CENTRE };
 const options = { show: "picture", compares: false, left: 0, right: Math.min(1, content.methods.length - 1), wipe: 0.5, difference: false };
 /** @type {Drawing | null} */
 let drawing = null;
+let readyAt = 0; // milliseconds after which the lens could draw
 let isRequested = false;
 let lastChange = -Infinity;
 let fineness = 1; // share of the pixels along each side
@@ -726,10 +727,13 @@ for (const name of ["tilt_across", "tilt_down"]) {
 if (find("right")) find("right").value = options.right;
 const isGiven = follow(location.hash.slice(1));
 new ResizeObserver(changed).observe(stage);
-if (HAS_VIEWS) {
-  newLens(liveCanvas).then((made) => {
-    drawing = made;
-    changed();
-    if (!isGiven) introduce();
-  });
+
+async function begin() {
+  // The first picture is painted before the views are decoded.
+  await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
+  drawing = await newLens(liveCanvas);
+  readyAt = performance.now();
+  changed();
+  if (!isGiven) introduce();
 }
+if (HAS_VIEWS) begin();

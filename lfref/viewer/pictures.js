@@ -6,22 +6,21 @@ const [HEIGHT, WIDTH] = content.size;
 /** @type {Map<string, Promise<ImageBitmap>>} */
 const decoded = new Map();
 
+/** @param {string} text */
+function bytes(text) {
+  return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+}
+
 /** @param {string} uri */
 function decode(uri) {
   let bitmap = decoded.get(uri);
   if (!bitmap) {
-    const image = new Image();
-    image.src = uri;
-    // A bitmap stays decoded; the browser may drop the pixels of an image and decode it again.
-    bitmap = image.decode().then(() => createImageBitmap(image));
+    const [head, text] = uri.split(",");
+    // Of a blob it is decoded in another thread, once.
+    bitmap = createImageBitmap(new Blob([bytes(text)], { type: head.slice("data:".length).split(";")[0] }));
     decoded.set(uri, bitmap);
   }
   return bitmap;
-}
-
-/** @param {string} text */
-function bytes(text) {
-  return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 }
 
 // Disparity and confidence of each pixel of the central view.

@@ -63,15 +63,8 @@ def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[
     Raises:
         FileError: The file cannot be written.
     """
-    pages = jinja2.Environment(
-        loader=jinja2.PrefixLoader({"viewer": jinja2.PackageLoader("lfref.viewer", ".")}),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
     program = "".join((Path(__file__).parent / name).read_text(encoding="utf-8") for name in PROGRAMS)
-    text = pages.get_template("viewer/view.html").render(
+    text = _template("view.html").render(
         title=title,
         facts=facts,
         content=content,
@@ -80,6 +73,37 @@ def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[
         data=Markup(_escaped(json.dumps(content, separators=(",", ":")))),
     )
     atomic.write_text(path, text.lstrip() + "\n")
+
+
+class GalleryEntry(NamedTuple):
+    """A page in a gallery."""
+
+    title: str
+    place: str
+    """Address of the page, from the gallery's folder."""
+    picture: str
+    """The first picture of the page, a data URI."""
+
+
+def write_gallery(path: Path, title: str, entries: Sequence[GalleryEntry]) -> None:
+    """Write a page with the first picture of each of some pages, which open at a click.
+
+    Raises:
+        FileError: The file cannot be written.
+    """
+    text = _template("gallery.html").render(title=title, entries=entries)
+    atomic.write_text(path, text.lstrip() + "\n")
+
+
+def _template(name: str) -> jinja2.Template:
+    pages = jinja2.Environment(
+        loader=jinja2.PrefixLoader({"viewer": jinja2.PackageLoader("lfref.viewer", ".")}),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    return pages.get_template(f"viewer/{name}")
 
 
 def _escaped(text: str) -> str:

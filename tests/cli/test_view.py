@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import urllib.parse
 
 import numpy as np
 import pytest
@@ -61,6 +62,22 @@ def test_several_get_a_folder_each(lfref, field, tmp_path):
     status, errors = lfref(*WORDS, field, other, f"output={tmp_path}/run")
     assert status == 0, errors
     assert {path.parent.name for path in (tmp_path / "run").glob("*/index.html")} == {"field", "other"}
+    gallery = (tmp_path / "run" / "index.html").read_text()
+    assert re.findall(r'href="(.*?)"', gallery) == ["field/index.html", "other/index.html"]
+    _, made = held(tmp_path / "run" / "other")
+    assert made["methods"][0]["planes"][made["start"]["plane"]] in gallery
+
+
+def test_a_gallery_holds_what_could_be_read(lfref, field, tmp_path):
+    (tmp_path / "broken.png").write_bytes(b"no picture")
+    other = write.write(tmp_path / "b & <c>", cases.scene()[0])
+    status, _ = lfref(*WORDS, field, other, str(tmp_path / "broken.png"), f"output={tmp_path}/run")
+    assert status == 1
+    gallery = (tmp_path / "run" / "index.html").read_text()
+    places = [urllib.parse.unquote(place) for place in re.findall(r'href="(.*?)"', gallery)]
+    assert len(places) == 2
+    assert all((tmp_path / "run" / place).is_file() for place in places)
+    assert "<c>" not in gallery
 
 
 def test_a_page_without_a_method_is_a_line(lfref, field, tmp_path):

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from lfref.functional.psnr import psnr
+from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
@@ -187,6 +188,28 @@ def test_samples_without_weight_leave_no_shadow(browser, tmp_path):
     rows, columns = slice(round(top * 96), round(bottom * 96)), slice(round(left * 128), round(right * 128))
     corner = (..., slice(rows.start, rows.start + 8), slice(columns.start, columns.start + 8))
     assert float((shown[corner] / whole[corner]).mean()) == pytest.approx(1, abs=0.1)
+    tab.context.close()
+
+
+def test_planes_without_views_are_shown_as_they_are(browser, tmp_path):
+    field = cases.scene()[0]
+    one = LightField(field.views[2:3, 2:3], "one")
+    shown = Refocused(one, cases.methods()["linear"].stack, cases.PLANES)
+    view_page.write(tmp_path / "index.html", "planes", {}, view_page.page_content({"planes": shown}))
+    errors, tab = [], browser.new_context(**WIDE).new_page()
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    tab.goto((tmp_path / "index.html").as_uri())
+    assert tab.locator("#aperture").count() == 0
+    for value, title in (("0", "far"), ("1", "near")):
+        tab.locator("#focus").fill(value)
+        tab.wait_for_function(
+            f"() => stage.dataset.rests === 'true' && Math.abs(nearness(lens.slope) - {value}) < 1e-9"
+        )
+        assert state(tab)["by"] == "plane", title
+        expected = shown.encoded(shown.stack[cases.PLANES.values.index(state(tab)["slope"])])
+        _, picture = saved(tab)
+        assert np.abs(picture - expected).mean() < 0.02
+    assert errors == []
     tab.context.close()
 
 
@@ -545,6 +568,24 @@ def test_axe_finds_nothing(opened, width, height, scheme):
             open_drawer(tab)
         found = axe.Axe().run(tab)
         assert found.violations_count == 0, found.generate_report()
+
+
+@pytest.mark.parametrize("width", [390, 2560])
+def test_a_gallery_opens_its_pages_and_axe_finds_nothing(browser, tmp_path, width):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    dot = view_page.LOSSLESS.uri(np.full((4, 6, 3), 0.5))
+    (tmp_path / "b#1").mkdir()
+    (tmp_path / "b#1" / "index.html").write_text("<title>here</title>")
+    entries = [view_page.GalleryEntry(name, f"{name}/index.html", dot) for name in ("a <i>", "b#1", "c")]
+    view_page.write_gallery(tmp_path / "index.html", "Light fields", entries)
+    context = browser.new_context(viewport={"width": width, "height": 900}, bypass_csp=True)
+    tab = context.new_page()
+    tab.goto((tmp_path / "index.html").as_uri())
+    assert axe.Axe().run(tab).violations_count == 0
+    assert tab.evaluate("() => document.documentElement.scrollWidth") <= width
+    tab.click("text=b#1")
+    assert tab.title() == "here"
+    context.close()
 
 
 def test_a_title_is_no_program(opened):
