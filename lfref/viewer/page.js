@@ -126,7 +126,8 @@ function paint(isAtRest) {
   const isLive = drawing !== null && options.show === "picture" && !options.compares;
   const layer = flatLayer(isLive, isAtRest);
   const isShown = layer !== null && paintFlat(layer, box);
-  if (drawing && isLive && !(isShown && isAtRest)) {
+  // At rest, a plane that is still decoded follows soon.
+  if (drawing && isLive && !(isAtRest && layer)) {
     const isFine = isAtRest && FINE_COST * fullTime < PATIENCE;
     const share = isAtRest ? 1 : fineness;
     cost = share ** 2 * (isFine ? FINE_COST : 1);
@@ -137,7 +138,7 @@ function paint(isAtRest) {
   stage.dataset.by = isShown ? layer : isLive ? "lens" : "";
   if (isShown || isLive) find("first").hidden = true;
   stage.dataset.slope = lens.slope;
-  stage.dataset.rests = String(isAtRest);
+  stage.dataset.rests = String(isAtRest && (isShown || !layer));
   controls();
 }
 
@@ -147,7 +148,9 @@ function flatLayer(isLive, isAtRest) {
   if (options.compares) return "compare";
   if (options.show !== "picture") return options.show;
   if (!isLive) return "plane";
-  return isAtRest && heldPlane(slopes, lens, WHOLE, REACH) >= 0 ? "plane" : null;
+  const held = heldPlane(slopes, lens, WHOLE, REACH);
+  if (held >= 0) bitmapOf(content.methods[0].planes[held]);
+  return isAtRest && held >= 0 ? "plane" : null;
 }
 
 /** Bitmaps by their address, once they are decoded; others are asked for. @type {Map<string, ImageBitmap>} */
