@@ -552,10 +552,10 @@ def test_it_shows_what_it_can_do_once_unless_motion_is_unwanted(opened):
 
 def test_full_screen_and_back(opened):
     tab = opened()
-    tab.click("#full")
-    tab.wait_for_function("() => document.fullscreenElement !== null")
-    tab.click("#full")
-    tab.wait_for_function("() => document.fullscreenElement === null")
+    for is_full in (True, False):
+        tab.click("#full")
+        tab.wait_for_function(f"() => (document.fullscreenElement !== null) === {str(is_full).lower()}")
+        assert tab.evaluate("() => stage.clientWidth") > 0
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
