@@ -6,6 +6,7 @@
 /**
  * @typedef {{ slope: number, x: number, y: number, aperture: number, tiltX: number, tiltY: number, shape: string }} Lens
  * Focus, viewpoint, width of the aperture in view steps, change of the slope from edge to edge, shape of the aperture.
+ * @typedef {"slope" | "x" | "y" | "aperture" | "tiltX" | "tiltY"} LensNumber
  * @typedef {{ zoom: number, x: number, y: number }} Place  Zoom, and the point of the picture in the window's middle.
  * @typedef {{ left: number, top: number, width: number, height: number }} Box  In pixels of the window.
  * @typedef {[number, number]} Point
@@ -154,6 +155,7 @@ function inside(place, crop) {
   return { zoom: place.zoom, x: keep(place.x, crop[0], crop[2]), y: keep(place.y, crop[1], crop[3]) };
 }
 
+/** Word of the address -> number of the lens. @type {Record<string, LensNumber>} */
 const FIELDS = { f: "slope", x: "x", y: "y", a: "aperture", tx: "tiltX", ty: "tiltY" };
 
 /** Text of the address for what differs from the start, such as `f=-0.71&x=.2&a=4`. @param {Lens} lens @param {Place} place

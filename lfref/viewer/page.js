@@ -228,15 +228,18 @@ function setLens(part) {
   changed();
 }
 
-/** Change numbers of the lens evenly; at once for people who prefer reduced motion. @param {Partial<Lens>} target */
+/** Change numbers of the lens evenly; at once for people who prefer reduced motion.
+ * @param {Partial<Record<LensNumber, number>>} target */
 function moveTo(target) {
   const from = { ...lens };
   const start = performance.now();
   motion = (now) => {
     const share = calm.matches ? 1 : Math.min(1, Math.max(0, (now - start) / TO_FOCUS));
     const eased = share * share * (3 - 2 * share);
-    const part = Object.entries(target).map(([key, value]) => [key, share === 1 ? value : from[key] + eased * (value - from[key])]);
-    lens = { ...lens, ...Object.fromEntries(part) };
+    for (const [name, value] of Object.entries(target)) {
+      const key = /** @type {LensNumber} */ (name);
+      lens[key] = share === 1 ? value : from[key] + eased * (value - from[key]);
+    }
     return share < 1;
   };
   changed();
