@@ -242,15 +242,17 @@ function plainLens(canvas, images) {
     return drawing.getImageData(0, 0, width, height).data;
   });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-  const output = new ImageData(width, height);
+  let output = new ImageData(width, height);
   let time = 0;
   return {
-    draw(lens) {
+    draw(lens, share = 1) {
       const start = performance.now();
-      const light = new Float32Array(4 * width * height);
+      const [across, down] = [Math.ceil(share * width), Math.ceil(share * height)];
+      const light = new Float32Array(4 * across * down);
       cameraWeights(content.views.cameras, lens, REACH).forEach((weight, k) => {
-        if (weight > 0) addView(light, views[k], content.views.cameras[k], weight, lens, width, height, linear);
+        if (weight > 0) addView({ light, across, down }, { view: views[k], width, height }, content.views.cameras[k], weight, lens, linear);
       });
+      output = new ImageData(across, down);
       for (let p = 0; p < light.length; p += 4) {
         for (let c = 0; c < 3; c++) {
           const value = light[p + c] / Math.max(light[p + 3], 1e-6);
@@ -264,24 +266,31 @@ function plainLens(canvas, images) {
     took: () => time,
     show(box) {
       context.fillRect(0, 0, canvas.width, canvas.height);
-      context.drawImage(scratch, box.left, box.top, box.width, box.height);
+      context.drawImage(scratch, 0, 0, output.width, output.height, box.left, box.top, box.width, box.height);
     },
     pixels: () => output,
   };
 }
 
-/** @param {Float32Array} light @param {Uint8ClampedArray} view @param {Point} camera @param {number} weight @param {Lens} lens
- * @param {number} width @param {number} height @param {Float32Array} linear */
-function addView(light, view, [cx, cy], weight, lens, width, height, linear) {
-  for (let y = 0; y < height; y++) {
-    for (let x = 0; x < width; x++) {
-      const slope = localSlope(lens, [x / width, y / height]);
-      const column = Math.round(x + (slope * cx * width) / WIDTH);
-      const row = Math.round(y + (slope * cy * height) / HEIGHT);
+/** Add a view to the weighted sum; of a smaller sum, every so many pixels of it.
+ * @param {{ light: Float32Array, across: number, down: number }} sum @param {{ view: Uint8ClampedArray, width: number, height: number }} from
+ * @param {Point} camera @param {number} weight @param {Lens} lens @param {Float32Array} linear */
+function addView({ light, across, down }, { view, width, height }, [cx, cy], weight, lens, linear) {
+  // Numbers alone in the inner loop: arrays would be millions.
+  const [stepX, stepY, shiftX, shiftY] = [width / across, height / down, (cx * width) / WIDTH, (cy * height) / HEIGHT];
+  for (let y = 0; y < down; y++) {
+    const slopeOfRow = lens.slope + lens.tiltY * (y / down - 0.5) - 0.5 * lens.tiltX;
+    for (let x = 0; x < across; x++) {
+      const slope = slopeOfRow + (lens.tiltX * x) / across;
+      const column = Math.round(x * stepX + slope * shiftX);
+      const row = Math.round(y * stepY + slope * shiftY);
       if (column < 0 || row < 0 || column >= width || row >= height) continue;
-      const [from, to] = [4 * (row * width + column), 4 * (y * width + x)];
-      for (let c = 0; c < 3; c++) light[to + c] += weight * linear[view[from + c]];
-      light[to + 3] += weight;
+      const source = 4 * (row * width + column);
+      const target = 4 * (y * across + x);
+      light[target] += weight * linear[view[source]];
+      light[target + 1] += weight * linear[view[source + 1]];
+      light[target + 2] += weight * linear[view[source + 2]];
+      light[target + 3] += weight;
     }
   }
 }
