@@ -16,12 +16,17 @@ from mkdocs.structure.pages import Page
 import lfref
 
 ROOT = Path(__file__).resolve().parents[1]
-PUBLISHED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/*.css", "docs/pictures/*")
+PUBLISHED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/*.css", "docs/*.js", "docs/pictures/*")
 # The face of this package are the commands, which tell about themselves by `--help`.
 WITHOUT_PAGE = "cli"
 PUBLIC_NAMES = "reference/names.md"
 # What a browser fetches to show a page; where a link leads it goes only when people click on it.
 FETCHED = re.compile(r"<(?:script|link|img|iframe|source)\b[^>]*?\b(?:src|href)=[\"']?((?:https?:)?//[^\"'\s>]+)")
+# What screen readers need and the theme lacks: its search has a name, and an entry of the contents is no landmark.
+AMENDED = (
+    (re.compile(r'(data-md-component="search" role="dialog")'), r'\1 aria-label="Search"'),
+    (re.compile(r'(<nav class="md-nav") aria-label="[^"]*"(>\s*<ul class="md-nav__list">)'), r'\1 role="none"\2'),
+)
 
 log = logging.getLogger("mkdocs.hooks.website")
 
@@ -52,10 +57,23 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return Files([*theme, *pages, *(File.generated(config, name, content=text) for name, text in texts.items())])
 
 
-def on_post_page(output: str, page: Page, config: MkDocsConfig) -> None:
-    """Warn of pages that ask another host for something."""
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Warn of pages that ask another host for something; amend what the theme writes."""
     for url in FETCHED.findall(output):
         log.warning(f"{page.file.src_uri} asks another host: {url}")
+    return amended(output)
+
+
+def on_post_template(output_content: str, template_name: str, config: MkDocsConfig) -> str:
+    """Amend the page of an unknown address too."""
+    return amended(output_content) if template_name == "404.html" else output_content
+
+
+def amended(output: str) -> str:
+    """A page with what the theme lacks for screen readers."""
+    for pattern, replacement in AMENDED:
+        output = pattern.sub(replacement, output)
+    return output
 
 
 def described() -> list[str]:
