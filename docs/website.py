@@ -20,6 +20,8 @@ PUBLISHED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/
 # The face of this package are the commands, which tell about themselves by `--help`.
 WITHOUT_PAGE = "cli"
 PUBLIC_NAMES = "reference/names.md"
+# Who searches for a word first wants the page that explains it, then the functions that have it in their description.
+SEARCHED_LAST = "---\nsearch:\n  boost: 0.2\n---\n\n"
 # What a browser fetches to show a page; where a link leads it goes only when people click on it.
 FETCHED = re.compile(r"<(?:script|link|img|iframe|source)\b[^>]*?\b(?:src|href)=[\"']?((?:https?:)?//[^\"'\s>]+)")
 # What screen readers need and the theme lacks: its search has a name, and an entry of the contents is no landmark.
@@ -93,7 +95,7 @@ def description(name: str) -> str:
     """Page on a single module, or on a package and the modules that lie in it."""
     modules = [f"{name}.{path.stem}" for path in sorted(ROOT.joinpath(*name.split(".")).glob("[!_]*.py"))]
     members = "false" if modules else "null"
-    top = f"::: {name}\n    options: {{ heading_level: 1, members: {members} }}\n"
+    top = f"{SEARCHED_LAST}::: {name}\n    options: {{ heading_level: 1, members: {members} }}\n"
     return "\n".join([top, *(f"::: {module}\n    options: {{ heading_level: 2 }}\n" for module in modules)])
 
 

@@ -1,4 +1,4 @@
-"""The built site in a browser: accessible on every page, light and dark.
+"""The built site in a browser: accessible on every page, light and dark; its search finds what people type.
 
 `make site` builds it, which `make test` does first; without it these tests skip.
 """
@@ -82,3 +82,26 @@ def test_axe_finds_nothing(opened, name):
     assert tab.evaluate(VIOLATIONS, None) == []
     tab.evaluate("document.body.dataset.mdColorScheme = 'slate'")
     assert tab.evaluate(VIOLATIONS, OF_COLOURS) == []
+
+
+@pytest.mark.parametrize(
+    ("word", "page"),
+    [
+        ("lytro", "docs/captures.html"),
+        ("raw", "docs/captures.html"),
+        ("gpu", "docs/scaling.html"),
+        ("browser", "docs/quickstart.html#in-the-browser"),
+        ("depth", "docs/quickstart.html#a-depth-map"),
+        ("onnx", "docs/deployment.html"),
+    ],
+)
+def test_search_finds_what_people_type(opened, served, word, page):
+    tab = opened("index.html")
+    tab.click(".md-search__input")
+    tab.locator(".md-search__input").press_sequentially(word)
+    results = tab.locator(".md-search-result__item")
+    results.first.wait_for()
+    first = results.evaluate_all(
+        "items => items.slice(0, 3).flatMap(item => [...item.querySelectorAll('a')].map(link => link.href))"
+    )
+    assert any(link.startswith(served + page) for link in first), first
