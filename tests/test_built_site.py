@@ -1,15 +1,22 @@
-"""The built site in a browser: accessible on every page, light and dark; its search finds what people type.
+"""The built site in a browser: accessible on every page, light and dark; its search finds what people type;
+it opens with a picture that a click refocuses.
 
 `make site` builds it, which `make test` does first; without it these tests skip.
 """
 
 import functools
 import http.server
+import os
+import re
 import shutil
+import subprocess
+import sys
 import threading
 
 import pytest
 
+import lfref
+from lfref.io import images
 from tests.conftest import ROOT
 
 playwright = pytest.importorskip("playwright.sync_api")
@@ -64,7 +71,9 @@ def opened(browser, served):
     contexts = []
 
     def open_(name, **options):
-        contexts.append(browser.new_context(**{"viewport": {"width": 1280, "height": 900}} | options))
+        contexts.append(
+            browser.new_context(**{"viewport": {"width": 1280, "height": 900}, "bypass_csp": True} | options)
+        )
         tab = contexts[-1].new_page()
         tab.goto(served + name)
         tab.add_style_tag(content=WITHOUT_TRANSITIONS)
@@ -105,3 +114,46 @@ def test_search_finds_what_people_type(opened, served, word, page):
         "items => items.slice(0, 3).flatMap(item => [...item.querySelectorAll('a')].map(link => link.href))"
     )
     assert any(link.startswith(served + page) for link in first), first
+
+
+def test_the_first_page_opens_with_a_picture_to_refocus(opened):
+    frame = opened("index.html").frame_locator("iframe.living")
+    frame.locator("canvas").first.wait_for()
+    assert frame.locator("canvas").first.bounding_box()["width"] > 300
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280, 2560])
+def test_no_page_is_wider_than_the_window(opened, width, scheme):
+    tab = opened("index.html", viewport={"width": width, "height": 900}, color_scheme=scheme)
+    assert tab.evaluate("document.documentElement.scrollWidth") == width
+
+
+def test_the_card_has_the_size_that_it_is_announced_with():
+    height, width = images.image_size(SITE / "card.jpg")
+    assert (width, height) == (1200, 630)
+    assert (SITE / "card.jpg").stat().st_size < 300_000
+    page = (SITE / "docs" / "quickstart.html").read_text("utf-8")
+    assert '<meta property="og:image:width" content="1200">' in page
+    assert '<meta property="og:image:height" content="630">' in page
+    assert '<meta name="twitter:card" content="summary_large_image">' in page
+
+
+def test_every_public_name_leads_to_its_description():
+    names = (SITE / "reference" / "names.html").read_text("utf-8")
+    for name, home in lfref._HOMES.items():
+        (page, anchor), *_ = re.findall(rf'href="([^"#]*)#({re.escape(home)}\.{name})"', names) or [("", name)]
+        assert page, name
+        described = (SITE / "reference" / page).read_text("utf-8")
+        assert f'id="{anchor}"' in described, name
+
+
+def test_a_site_with_an_address_lists_all_its_pages_and_names_its_card(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", tmp_path]
+    subprocess.run(command, check=True, cwd=ROOT, env=os.environ | {"LFREF_SITE": "https://lfref.example/docs"})
+    listed = re.findall("<loc>(.*)</loc>", (tmp_path / "sitemap.xml").read_text("utf-8"))
+    pages = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.html")} - {"404.html", "living.html"}
+    assert {url.removeprefix("https://lfref.example/docs/") or "index.html" for url in listed} == pages
+    page = (tmp_path / "docs" / "paper.html").read_text("utf-8")
+    assert '<meta property="og:image" content="https://lfref.example/docs/card.jpg">' in page
+    assert '<link rel="canonical" href="https://lfref.example/docs/docs/paper.html">' in page
