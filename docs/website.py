@@ -32,7 +32,7 @@ FETCHED = re.compile(
     r"<(?:script|link(?! rel=.canonical)|img|iframe|source)\b[^>]*?\b(?:src|href)=[\"']?((?:https?:)?//[^\"'\s>]+)"
 )
 # The page that opens the site, with its picture; on the site people refocus the picture themselves.
-FRONT, PICTURE = "README.md", re.compile(r"^!\[[^\]]*\]\(docs/pictures/page\.jpg\)$", re.MULTILINE)
+FRONT, PICTURE = "README.md", re.compile(r"^!\[[^\]]*\]\(docs/pictures/page\.webp\)$", re.MULTILINE)
 LIVING, CARD = "living.html", "card.jpg"
 LIVING_PICTURE = f"""\
 <iframe class="living" src="{LIVING}#embed" title="A simulated scene to refocus: click a point to focus there"></iframe>
@@ -86,7 +86,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     page.meta["hide"] = ["toc"]
     markdown, n_pictures = PICTURE.subn(LIVING_PICTURE, markdown)
     if n_pictures != 1:
-        log.warning(f"{FRONT} must show docs/pictures/page.jpg once; it does {n_pictures} times")
+        log.warning(f"{FRONT} must show docs/pictures/page.webp once; it does {n_pictures} times")
     return markdown
 
 

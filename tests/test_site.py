@@ -128,11 +128,11 @@ def test_the_site_has_the_address_that_the_environment_gives(website, config, mo
 
 def test_the_front_must_have_the_picture_that_the_site_replaces(website, config, caplog):
     page = Page("lfref", File("README.md", None, config.site_dir, False), config)
-    text = "# lfref\n\n![A page](docs/pictures/page.jpg)\n"
+    text = "# lfref\n\n![A page](docs/pictures/page.webp)\n"
     with caplog.at_level(logging.WARNING, "mkdocs"):
         shown = website.on_page_markdown(text, page, config, Files([]))
         assert not caplog.records
         website.on_page_markdown("# lfref\n", page, config, Files([]))
     assert '<iframe class="living" src="living.html#embed" title=' in shown
-    assert "page.jpg" not in shown
+    assert "page.webp" not in shown
     assert len(caplog.records) == 1
