@@ -164,7 +164,7 @@ def cards() -> Iterator[str]:
         "limits": {name: each["card"]["limits"] for name, each in notes.items()},
         "licence of the weights": {name: each["card"]["licence"] for name, each in notes.items()},
     }
-    yield f"| | {' | '.join(f'`{name}`' for name in files)} |"
+    yield f"| network | {' | '.join(f'`{name}`' for name in files)} |"
     yield f"|---|{'---|' * len(files)}"
     for title, cells in rows.items():
         yield f"| {title} | {' | '.join(cells[name] for name in files)} |"

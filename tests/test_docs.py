@@ -7,6 +7,7 @@ import sys
 
 import pytest
 import torch
+from PIL import Image
 
 from tests.conftest import ROOT
 
@@ -14,7 +15,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").g
 CODE = re.compile(r"^```.*?^```$|^ {4,}.*?$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#:]*)(?:#([^)]*))?\)")
 REFOCUSING, SIMULATOR = (ROOT / "docs" / f"{name}.md" for name in ("refocusing", "simulator"))
-LARGEST = 120_000  # bytes of a picture
+LARGEST, LARGEST_FILM = 120_000, 2_000_000  # bytes of a picture, of the README's film
 PLOTS = {  # drawn from what runs have left
     "accuracy_time.png": "figures/bench",
     "causes.png": "figures/causes",
@@ -46,6 +47,15 @@ def test_pictures_are_small_and_each_is_shown():
     for picture in pictures:
         assert picture.stat().st_size <= LARGEST, picture.name
         assert f"(pictures/{picture.name})" in shown, picture.name
+
+
+def test_the_first_picture_of_the_readme_is_a_short_film():
+    first = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", (ROOT / "README.md").read_text("utf-8"))[0]
+    with Image.open(ROOT / first) as film:
+        assert film.is_animated
+        film.seek(film.n_frames - 1)
+        assert film.n_frames >= 8
+    assert (ROOT / first).stat().st_size <= LARGEST_FILM
 
 
 def test_the_code_of_the_page_on_refocusing_runs_as_written():

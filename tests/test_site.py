@@ -72,9 +72,11 @@ def test_pages_describe_all_modules_but_private_ones(website, tmp_path, monkeypa
     assert re.findall("::: (.*)", website.description("lfref.errors")) == ["lfref.errors"]
 
 
+@pytest.mark.slow  # simulates the scene that opens the site, unless `make site` has
 def test_pages_and_pictures_are_published_where_they_lie_and_scripts_are_not(config):
     published = {file.src_uri for file in config.plugins.on_files(Files([]), config=config)}
     assert {"README.md", "docs/quickstart.md", "docs/pictures/causes.png", "reference/lfref.io.md"} <= published
+    assert {"living.html", "card.jpg"} <= published
     assert not [name for name in published if name.endswith(".py")]
 
 
@@ -105,3 +107,32 @@ def test_a_page_that_asks_another_host_is_warned_of(website, config, caplog, ask
     with caplog.at_level(logging.WARNING, "mkdocs"):
         website.on_post_page(asked, page, config)
     assert len(caplog.records) == warnings
+
+
+@pytest.mark.parametrize(
+    ("environment", "address"),
+    [
+        ({}, None),
+        ({"LFREF_SITE": "https://lfref.example"}, "https://lfref.example/"),
+        ({"GITHUB_REPOSITORY": "owner/name"}, "https://owner.github.io/name/"),
+    ],
+)
+def test_the_site_has_the_address_that_the_environment_gives(website, config, monkeypatch, environment, address):
+    for name in ("LFREF_SITE", "GITHUB_REPOSITORY"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    website.on_config(config)
+    assert config.site_url == address
+
+
+def test_the_front_must_have_the_picture_that_the_site_replaces(website, config, caplog):
+    page = Page("lfref", File("README.md", None, config.site_dir, False), config)
+    text = "# lfref\n\n![A page](docs/pictures/page.webp)\n"
+    with caplog.at_level(logging.WARNING, "mkdocs"):
+        shown = website.on_page_markdown(text, page, config, Files([]))
+        assert not caplog.records
+        website.on_page_markdown("# lfref\n", page, config, Files([]))
+    assert '<iframe class="living" src="living.html#embed" title=' in shown
+    assert "page.webp" not in shown
+    assert len(caplog.records) == 1

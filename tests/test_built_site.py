@@ -1,0 +1,174 @@
+"""The built site in a browser: accessible on every page, light and dark; its search finds what people type;
+it opens with a picture that a click refocuses.
+
+`make site` builds it, which `make test` does first; without it these tests skip.
+"""
+
+import functools
+import http.server
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+
+import pytest
+
+import lfref
+from lfref.io import images
+from tests.conftest import ROOT
+
+playwright = pytest.importorskip("playwright.sync_api")
+axe = pytest.importorskip("axe_playwright_python.base")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+SITE = ROOT / "runs" / "site"
+PAGES = sorted(path.relative_to(SITE).as_posix() for path in SITE.rglob("*.html"))
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed"),
+    pytest.mark.skipif(not PAGES, reason="`make site` builds the site"),
+]
+# The page of an unknown address asks the root of the server for its style, so that the site is served here, not opened.
+WITHOUT_TRANSITIONS = "*, *::before, *::after { transition: none !important; animation: none !important }"
+VIOLATIONS = """async (rules) => {
+  const options = { resultTypes: ["violations"] };
+  if (rules) options.runOnly = { type: "rule", values: rules };
+  const { violations } = await axe.run(document, options);
+  return violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html }) => html.slice(0, 200)).join(", ")}`);
+}"""
+OF_COLOURS = ["color-contrast", "link-in-text-block"]
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """Serves files without a line for each."""
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture(scope="module")
+def served():
+    """Address of the site."""
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=SITE))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_address[1]}/"
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def opened(browser, served):
+    """Function (page of the site, options of its window) -> the page, loaded."""
+    contexts = []
+
+    def open_(name, **options):
+        contexts.append(
+            browser.new_context(**{"viewport": {"width": 1280, "height": 900}, "bypass_csp": True} | options)
+        )
+        tab = contexts[-1].new_page()
+        tab.goto(served + name)
+        tab.add_style_tag(content=WITHOUT_TRANSITIONS)
+        return tab
+
+    yield open_
+    for context in contexts:
+        context.close()
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_axe_finds_nothing(opened, name):
+    tab = opened(name, color_scheme="light")
+    tab.evaluate(axe.AXE_FILE_PATH.read_text("utf-8"))
+    assert tab.evaluate(VIOLATIONS, None) == []
+    tab.evaluate("document.body.dataset.mdColorScheme = 'slate'")
+    assert tab.evaluate(VIOLATIONS, OF_COLOURS) == []
+
+
+@pytest.mark.parametrize(
+    ("word", "page"),
+    [
+        ("lytro", "docs/captures.html"),
+        ("raw", "docs/captures.html"),
+        ("gpu", "docs/scaling.html"),
+        ("browser", "docs/quickstart.html#in-the-browser"),
+        ("depth", "docs/quickstart.html#a-depth-map"),
+        ("onnx", "docs/deployment.html"),
+    ],
+)
+def test_search_finds_what_people_type(opened, served, word, page):
+    tab = opened("index.html")
+    tab.click(".md-search__input")
+    tab.locator(".md-search__input").press_sequentially(word)
+    results = tab.locator(".md-search-result__item")
+    results.first.wait_for()
+    first = results.evaluate_all(
+        "items => items.slice(0, 3).flatMap(item => [...item.querySelectorAll('a')].map(link => link.href))"
+    )
+    assert any(link.startswith(served + page) for link in first), first
+
+
+def test_a_click_refocuses_the_picture_that_opens_the_site(opened):
+    tab = opened("index.html")
+    picture = tab.frame_locator("iframe.living").locator("canvas").first
+    picture.wait_for()
+    tab.wait_for_timeout(1500)  # until it is drawn
+    box = picture.bounding_box()
+    assert box["width"] > 300
+    # The upper right is far from the click and its mark; what is there is as near as the leaf that is clicked.
+    part = {
+        "x": box["x"] + box["width"] * 0.7,
+        "y": box["y"],
+        "width": box["width"] * 0.3,
+        "height": box["height"] * 0.4,
+    }
+    before = tab.screenshot(clip=part)
+    assert tab.screenshot(clip=part) == before
+    tab.mouse.click(box["x"] + box["width"] * 0.152, box["y"] + box["height"] * 0.68)
+    tab.wait_for_timeout(1500)
+    assert tab.screenshot(clip=part) != before
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280, 2560])
+def test_no_page_is_wider_than_the_window(opened, width, scheme):
+    tab = opened("index.html", viewport={"width": width, "height": 900}, color_scheme=scheme)
+    assert tab.evaluate("document.documentElement.scrollWidth") == width
+
+
+def test_the_card_has_the_size_that_it_is_announced_with():
+    height, width = images.image_size(SITE / "card.jpg")
+    assert (width, height) == (1200, 630)
+    assert (SITE / "card.jpg").stat().st_size < 300_000
+    page = (SITE / "docs" / "quickstart.html").read_text("utf-8")
+    assert '<meta property="og:image:width" content="1200">' in page
+    assert '<meta property="og:image:height" content="630">' in page
+    assert '<meta name="twitter:card" content="summary_large_image">' in page
+
+
+def test_every_public_name_leads_to_its_description():
+    names = (SITE / "reference" / "names.html").read_text("utf-8")
+    for name, home in lfref._HOMES.items():
+        (page, anchor), *_ = re.findall(rf'href="([^"#]*)#({re.escape(home)}\.{name})"', names) or [("", name)]
+        assert page, name
+        described = (SITE / "reference" / page).read_text("utf-8")
+        assert f'id="{anchor}"' in described, name
+
+
+def test_a_site_with_an_address_lists_all_its_pages_and_names_its_card(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", tmp_path]
+    subprocess.run(command, check=True, cwd=ROOT, env=os.environ | {"LFREF_SITE": "https://lfref.example/docs"})
+    listed = re.findall("<loc>(.*)</loc>", (tmp_path / "sitemap.xml").read_text("utf-8"))
+    pages = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.html")} - {"404.html", "living.html"}
+    assert {url.removeprefix("https://lfref.example/docs/") or "index.html" for url in listed} == pages
+    page = (tmp_path / "docs" / "paper.html").read_text("utf-8")
+    assert '<meta property="og:image" content="https://lfref.example/docs/card.jpg">' in page
+    assert '<link rel="canonical" href="https://lfref.example/docs/docs/paper.html">' in page
