@@ -37,6 +37,8 @@ FAR, FRUIT, NEAR = -2.0, 0.6, 1.6
 CARD_SIZE = (630, 1200)
 """Height and width that Open Graph and Twitter's large card have in common."""
 FILM, WINDOW = ROOT / "docs" / "pictures" / "page.webp", (1000, 600)
+GRAPHICS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+"""Graphics by the processor, where there is no other."""
 CLICKS = ((0.08, 0.23), (0.152, 0.68), (0.55, 0.70), (0.86, 0.20))
 """Points of the picture that are clicked in turn, shares of its width and height: a lamp, a leaf, the fruit, a leaf."""
 POINTING_MS, HELD_MS, MOVING_MS, N_MOVING, RING = 500, 1300, 80, 6, 11
@@ -106,7 +108,7 @@ def make() -> None:
     field = lfref.LightField(lfref.simulate(evening(), outputs=("views",)).views)
     RUN.mkdir(parents=True, exist_ok=True)
     lfref.write(RUN / "evening.exr", field)  # EXR keeps light that is brighter than white
-    words = ["aperture=disc", "method@methods.first=occlusion_aware", "method@methods.second=shift_and_sum"]
+    words = ["aperture=disc", "method@methods.first=occlusion_aware"]
     planes = ["planes=even", f"planes.first={FAR}", "planes.last=1.8", "planes.n=13"]
     command = [sys.executable, "-m", "lfref.cli.main", "view", str(RUN / "evening.exr"), *words, *planes]
     subprocess.run([*command, "title=An evening", f"output={PAGE.parent}", "overwrite=true"], check=True, cwd=ROOT)
@@ -129,10 +131,12 @@ def film() -> None:
     frames: list[Image.Image] = []
     times: list[int] = []
     with sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        tab = browser.new_page(viewport={"width": WINDOW[0], "height": WINDOW[1]})
+        browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=GRAPHICS)
+        tab = browser.new_page(viewport={"width": WINDOW[0], "height": WINDOW[1]}, reduced_motion="no-preference")
         tab.goto(PAGE.as_uri())
-        box = tab.wait_for_selector("#stage[data-drawn]").bounding_box()
+        tab.wait_for_function("() => drawing !== null && !motion && stage.dataset.rests === 'true'")
+        box = tab.evaluate("() => currentBox()")
+        box = {"x": box["left"], "y": box["top"], "width": box["width"], "height": box["height"]}
 
         def take(duration: int) -> Image.Image:
             frames.append(Image.open(io.BytesIO(tab.screenshot())).convert("RGB"))

@@ -120,7 +120,9 @@ def test_a_click_refocuses_the_picture_that_opens_the_site(opened):
     tab = opened("index.html")
     picture = tab.frame_locator("iframe.living").locator("canvas").first
     picture.wait_for()
-    tab.wait_for_timeout(1500)  # until it is drawn
+    living = next(frame for frame in tab.frames if "living" in frame.url)
+    rests = "() => drawing !== null && !motion && stage.dataset.rests === 'true'"
+    living.wait_for_function(rests)
     box = picture.bounding_box()
     assert box["width"] > 300
     # The upper right is far from the click and its mark; what is there is as near as the leaf that is clicked.
@@ -133,7 +135,7 @@ def test_a_click_refocuses_the_picture_that_opens_the_site(opened):
     before = tab.screenshot(clip=part)
     assert tab.screenshot(clip=part) == before
     tab.mouse.click(box["x"] + box["width"] * 0.152, box["y"] + box["height"] * 0.68)
-    tab.wait_for_timeout(1500)
+    living.wait_for_function(f"() => lens.slope > 1 && ({rests})()")
     assert tab.screenshot(clip=part) != before
 
 

@@ -23,6 +23,9 @@ from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
 
+SHAPES = {"disc": "disc", "polygon": "hexagon"}
+"""Function of an aperture -> the shape of the page's lens that is nearest to it; of others, the square."""
+
 
 def view(config: DictConfig, folder: Path) -> None:
     """Write a page for each light field; several get a result folder each, and a gallery of the pages."""
@@ -66,7 +69,7 @@ def view(config: DictConfig, folder: Path) -> None:
     def write_page(name: str, shown: dict[str, Refocused]) -> None:
         place = steps.result_folder(folder, name, fields[name], named) / "index.html"
         title = config.title or next(iter(shown.values())).field.name
-        content = view_page.page_content(shown)
+        content = view_page.page_content(shown, SHAPES.get(str(config.aperture._target_).rpartition(".")[2], "square"))
         view_page.write(place, title, _facts(shown), content)
         first = content["methods"][0]["planes"][content["start"]["plane"]]
         gallery.append(view_page.GalleryEntry(name, place.relative_to(folder).as_posix(), first))

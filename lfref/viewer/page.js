@@ -26,7 +26,7 @@ const SCENE = { low: content.depth.low, high: content.depth.high, near: content.
 const HAS_VIEWS = content.views.pictures.length > 1;
 const [NEAR, FAR] = content.near > 0 ? [slopes.at(-1), slopes[0]] : [slopes[0], slopes.at(-1)];
 /** @type {Lens} */
-const WHOLE = { slope: content.start.slope, x: 0, y: 0, aperture: 2 * Math.max(...REACH), shape: "square", tiltX: 0, tiltY: 0 };
+const WHOLE = { slope: content.start.slope, x: 0, y: 0, aperture: 2 * Math.max(...REACH), shape: content.shape, tiltX: 0, tiltY: 0 };
 /** @type {Place} */
 const CENTRE = { zoom: 1, x: (crop[0] + crop[2]) / 2, y: (crop[1] + crop[3]) / 2 };
 const LIMITS = { low: slopes[0], high: slopes.at(-1), reach: REACH };

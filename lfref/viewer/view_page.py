@@ -111,21 +111,22 @@ def _escaped(text: str) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
+def page_content(methods: Mapping[str, Refocused], shape: str = "square") -> dict[str, Any]:
     """Content of the page as plain containers.
 
     Args:
         methods: Method -> the light field refocused to the same planes; the first method is the first on the page.
+        shape: Shape of the aperture at first, as in `geometry.js`.
 
     Returns:
         `size` [H, W]; `crop`, what is shown: left, top, right, bottom as shares of the sides; `quantity` and `unit` of
         the planes' numbers, usually slopes; `slopes` (these numbers) and `titles` of the planes, from the least to the
         largest; `near`, 1 if larger numbers are nearer and -1 if smaller ones are; `start` with `slope` and `plane`,
-        the focus at first; `methods`, each with `name` and `planes` (pictures, without loss if there are several);
-        `depth` with `low`, `high`, `disparity`, `confidence`, and `least_confidence`, that of a known disparity;
-        `sharp` and `map` (pictures); `scale` of the map's colours with `low`, `high` and `bar` (a picture of them);
-        `views` with `size`, `pictures`, `cameras` (x, y from the middle, in view steps), and `masks` (pictures of the
-        samples' weights, or None).
+        the focus at first; `shape` of the aperture; `methods`, each with `name` and `planes` (pictures, without loss
+        if there are several); `depth` with `low`, `high`, `disparity`, `confidence`, and `least_confidence`, that of a
+        known disparity; `sharp` and `map` (pictures); `scale` of the map's colours with `low`, `high` and `bar` (a
+        picture of them); `views` with `size`, `pictures`, `cameras` (x, y from the middle, in view steps), and `masks`
+        (pictures of the samples' weights, or None).
 
     Raises:
         InputError: There is no method, or the methods have different planes.
@@ -149,6 +150,7 @@ def page_content(methods: Mapping[str, Refocused]) -> dict[str, Any]:
         "crop": _crop(first.field),
         "slopes": values,
         "near": near,
+        "shape": shape,
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
         "methods": [
             {"name": name, "planes": [encode(refocused.encoded(refocused.shown[plane])) for plane in first.by_slope]}

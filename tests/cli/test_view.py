@@ -103,3 +103,10 @@ def test_a_file_for_sharing_of_a_lytro_camera_becomes_a_page_of_its_pictures(lfr
         assert abs(picture.astype(int) - lytro_drawing.stack_picture(number)).max() < 16
     steps = np.frombuffer(base64.b64decode(made["depth"]["disparity"]), "<u2").reshape(48, 64)
     np.testing.assert_allclose(steps[[0, 0, -1], [0, -1, -1]] / 65535 * 9.5 - 5.5, [-5.5, 0.25, 4.0], atol=1e-3)
+
+
+@pytest.mark.parametrize(("aperture", "shape"), [("full", "square"), ("disc", "disc"), ("polygon", "hexagon")])
+def test_the_page_begins_with_the_shape_of_the_aperture(lfref, field, tmp_path, aperture, shape):
+    status, errors = lfref(*WORDS[:3], WORDS[4], f"aperture={aperture}", field, f"output={tmp_path}/run")
+    assert status == 0, errors
+    assert held(tmp_path / "run")[1]["shape"] == shape
