@@ -16,7 +16,7 @@ from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
 from lfref.io import images
 from lfref.lightfield import LightField
-from lfref.refocus.disparity.disparity_map import DisparityMap, depth_order, disparity_map
+from lfref.refocus.disparity.disparity_map import CLEAR, DisparityMap, disparity_map, order_score
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus, index_to_slope
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import filling
@@ -125,18 +125,23 @@ class Refocused:
 
     @cached_property
     def near_sign(self) -> int:
-        """1 if larger disparities are nearer, -1 if smaller ones are, 0 if that is unknown."""
+        """1 if larger disparities are probably nearer, else -1."""
         is_measured = self.foreign_disparity is None and self.field.grid != (1, 1)
-        return depth_order(self.field.views, *self.disparity) if is_measured else 0
+        return 1 if is_measured and self._order_score > 0 else -1
+
+    @cached_property
+    def _order_score(self) -> float:
+        return order_score(self.field.views, *self.disparity)
 
     @cached_property
     def nearness(self) -> Tensor:
         """Disparity, with the sign that makes near points larger, [H, W]."""
-        if not self.near_sign:
+        if abs(self._order_score) <= CLEAR:
             remedy = "if the points are inside out, give reader.reverse_v=true reader.reverse_u=true"
-            warning = "%s: the depth order is unknown, so smaller disparities count as nearer; %s"
-            log.warning(warning, self.field.name, remedy)
-        return (self.near_sign or -1) * self.disparity.disparity
+            which = "larger" if self.near_sign > 0 else "smaller"
+            warning = "%s: the depth order is not clear; %s disparities count as nearer; %s"
+            log.warning(warning, self.field.name, which, remedy)
+        return self.near_sign * self.disparity.disparity
 
     @cached_property
     def by_slope(self) -> list[int]:

@@ -12,6 +12,7 @@ import torch
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.report import disparity_colours
+from lfref.report import refocused as refocused_module
 from lfref.viewer import view_page
 from tests.viewer import cases
 
@@ -166,3 +167,10 @@ def test_what_few_views_see_is_cropped_away_and_samples_keep_their_weights():
 def test_whole_views_are_neither_cropped_nor_masked(content):
     assert content["crop"] == [0, 0, 1, 1]
     assert content["views"]["masks"] is None
+
+
+def test_weak_evidence_of_the_depth_order_counts(monkeypatch):
+    shown = dataclasses.replace(cases.methods()["linear"])
+    for score, near in ((0.2, 1), (-0.2, -1), (0.0, -1)):
+        monkeypatch.setattr(refocused_module, "order_score", lambda *_, score=score: score)
+        assert dataclasses.replace(shown).near_sign == near

@@ -179,9 +179,19 @@ NOTABLE, OWN = 0.35, 0.1
 """Shares of the range of disparities: least step to the surface in front; largest step within one surface."""
 
 
-@torch.no_grad()
+CLEAR = 0.5
+"""Least absolute `order_score` of a statement about the order."""
+
+
 def depth_order(views: Tensor, disparity: Tensor, confidence: Tensor) -> int:
-    """Whether larger or smaller disparities are nearer, from the middle row and column of views.
+    """1 if larger disparities are nearer, -1 if smaller ones are, 0 where `order_score` is not clear."""
+    score = order_score(views, disparity, confidence)
+    return int(math.copysign(1, score)) if abs(score) > CLEAR else 0
+
+
+@torch.no_grad()
+def order_score(views: Tensor, disparity: Tensor, confidence: Tensor) -> float:
+    """How clearly larger or smaller disparities are nearer, from the middle row and column of views.
 
     Args:
         views: Floating point, uint8 or uint16, [V, U, C, H, W].
@@ -189,21 +199,18 @@ def depth_order(views: Tensor, disparity: Tensor, confidence: Tensor) -> int:
         confidence: Of the disparity, [0, 1], [H, W].
 
     Returns:
-        1 if larger disparities are nearer, -1 if smaller ones are, 0 where nothing clearly hides anything.
+        From -1 (all evidence is for smaller ones) to 1 (for larger ones); 0 where nothing clearly hides anything.
     """
     sure = disparity[confidence > 0.4]
     if sure.numel() < FEWEST:
-        return 0
+        return 0.0
     ordered = sure.double().sort().values
     first, last = (float(ordered[round(share * (len(ordered) - 1))]) for share in (0.01, 0.99))
     light = batches.radiance(views).mean(2, keepdim=True)
     middle_row, middle_column = light[None, light.shape[0] // 2], light[:, None, light.shape[1] // 2]
     ends = first - SIDES_STEP, last + SIDES_STEP
     steps = torch.cat([_steps_to_front(line, disparity, *ends) for line in (middle_row, middle_column)])
-    if len(steps) < FEWEST:
-        return 0
-    score = float(steps.sum() / steps.abs().sum())
-    return int(math.copysign(1, score)) if abs(score) > 0.5 else 0
+    return float(steps.sum() / steps.abs().sum()) if len(steps) >= FEWEST else 0.0
 
 
 def _steps_to_front(line: Tensor, disparity: Tensor, first: float, last: float) -> Tensor:
