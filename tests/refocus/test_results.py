@@ -113,10 +113,15 @@ def computed(name: str) -> np.ndarray:
     return torch.cat([in_blocks(part) for part in RESULTS[name]()]).numpy()
 
 
+TOLERANCES = {"slope range": 5e-4}
+"""Where almost equal costs decide a disparity, processors differ in some pixels: AMD's and Intel's by 1.3e-4."""
+
+
 @pytest.mark.parametrize("name", RESULTS)
 def test_results_are_those_that_were_stored(name: str) -> None:
+    tolerance = TOLERANCES.get(name, 2e-5)
     with np.load(EXPECTED) as stored:
-        np.testing.assert_allclose(computed(name), stored[name], atol=2e-5, rtol=2e-5)
+        np.testing.assert_allclose(computed(name), stored[name], atol=tolerance, rtol=2e-5)
 
 
 if __name__ == "__main__":
