@@ -92,7 +92,7 @@ def described(folder):
 CHECKS = {
     "decoded": (decoded, 1e-5, "VERSION in lfref/io/read.py", reader.VERSION),
     "corrected": (corrected, 2e-3, "VERSION in lfref/captures/correct.py", corrections.VERSION),
-    # Almost equal costs decide some disparities otherwise on another processor: 28 of 10,800 numbers, by 4.4e-3 at most.
+    # Almost equal costs decide some disparities otherwise on another processor: 28 of 10,800 numbers, by up to 4.4e-3.
     "prepared": (prepared, 1e-2, "VERSION in lfref/data/plane_sets.py", plane_sets.VERSION),
     "described": (described, 0, "VERSION and VERSION_2 in lfref/simulator/sim30.py", sim30.VERSION),
 }
