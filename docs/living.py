@@ -1,10 +1,9 @@
-"""The scene that opens the site, refocused by who looks at it: the page of `lfref view` on it, and the site's card.
+"""The scene that opens the site: its page by `lfref view`, which visitors refocus, and the site's card.
 
-`python docs/living.py --film` also films the page in use, in Chromium, for the README: `docs/pictures/page.webp`.
-
-`python docs/living.py` leaves both in `runs/living`, unless they are newer than the viewer and this file; the build of
-the site does the same. The scene is simulated: lamps far away, fruit on a table, leaves and twigs near the camera. It
-is part of lfref and has its licence.
+`python docs/living.py` writes both to `runs/living`, unless they are newer than the viewer and this file; the build of
+the site does the same. `--film` also films the page in use, in Chromium, for the README: `docs/pictures/page.webp`. The
+scene is simulated: lamps far away, fruit on a table, leaves and twigs near the camera. It is part of lfref and has its
+licence.
 """
 
 import argparse

@@ -71,8 +71,8 @@ function focusOn(lens, at, disparity) {
 }
 
 /**
- * The point of the central view that is seen at a point of the picture. From the viewpoint c, a point q of disparity d
- * lies at q + (d - s) c: the nearest surface that comes to lie there is seen.
+ * The point of the central view that a point of the picture shows. From the viewpoint c, a point q of disparity d lies at
+ * q + (d - s) c; of several surfaces there, the nearest one is visible.
  * @param {Lens} lens
  * @param {Point} at
  * @param {(at: Point) => number} disparityAt
@@ -80,7 +80,7 @@ function focusOn(lens, at, disparity) {
  *   are nearer and -1 if smaller ones are, width and height of the picture in pixels.
  * @returns {Point}
  */
-function pointSeen(lens, at, disparityAt, scene) {
+function visiblePoint(lens, at, disparityAt, scene) {
   if (lens.x === 0 && lens.y === 0) return at;
   const slope = localSlope(lens, at);
   const n = 128;

@@ -80,7 +80,7 @@ function request() {
   requestAnimationFrame((now) => {
     isRequested = false;
     clearTimeout(resting);
-    // A drawing that is asked for before the last one is finished would wait in a queue, and be old when it is seen.
+    // A drawing that is asked for before the last one is finished would wait in a queue, and come too late.
     if (isDrawing()) {
       request();
       return;
@@ -142,7 +142,7 @@ function paint(isAtRest) {
   controls();
 }
 
-/** What the flat canvas shows: `compare`, `sharp`, `map`, `plane`, or nothing where the lens is to be seen.
+/** What the flat canvas shows: `compare`, `sharp`, `map`, `plane`, or nothing where the lens is shown.
  * @param {boolean} isLive @param {boolean} isAtRest */
 function flatLayer(isLive, isAtRest) {
   if (options.compares) return "compare";
@@ -254,13 +254,13 @@ function stop() {
 function focusAt(at) {
   stop();
   if (options.show !== "picture") choose("picture");
-  const seen = pointSeen(lens, at, (point) => disparityOf(pixelAt(point)), SCENE);
-  const point = disparityNear(seen);
+  const shown = visiblePoint(lens, at, (point) => disparityOf(pixelAt(point)), SCENE);
+  const point = disparityNear(shown);
   if (point.source === "unknown") {
     say("Nothing to focus on there: the disparity is unknown.");
     return;
   }
-  const slope = focusOn(lens, seen, point.disparity);
+  const slope = focusOn(lens, shown, point.disparity);
   say(`${point.source === "neighbour" ? "Focus on the nearest known point" : "Focus"}: ${content.quantity} ${point.disparity.toFixed(2)}.`);
   moveTo({ slope });
 }

@@ -84,7 +84,7 @@ def test_the_nearest_surface_is_seen_from_any_viewpoint_under_any_tilt(lens, nea
     scene = {"low": -1, "high": 1, "near": near, "size": [200, 100]}
     points = [[x, 0.5] for x in (0.2, 0.44, 0.5, 0.58, 0.7)]
     seen = computed(
-        f"points.map((at) => pointSeen(lens, at, {step}, scene))", points=points, lens=lens, scene=scene, near=near
+        f"points.map((at) => visiblePoint(lens, at, {step}, scene))", points=points, lens=lens, scene=scene, near=near
     )
     n_known = 0
     for (x, _), (found, _) in zip(points, seen, strict=True):

@@ -235,7 +235,7 @@ def test_taps_are_right_under_tilt_and_from_any_viewpoint(opened, part):
     chosen = np.random.default_rng(0).permutation(len(y))[:100]
     tab = opened()
     misses = tab.evaluate(
-        """([points, part, steps]) => points.map(([x, y, disparity]) => {
+        """([points, part]) => points.map(([x, y, disparity]) => {
           const from = { ...WHOLE, ...part };
           // Where the point of the central view lies in the picture, by steps towards it.
           let at = [x, y];
@@ -243,14 +243,13 @@ def test_taps_are_right_under_tilt_and_from_any_viewpoint(opened, part):
             const slope = localSlope(from, at);
             at = [x + ((disparity - slope) * from.x) / WIDTH, y + ((disparity - slope) * from.y) / HEIGHT];
           }
-          const seen = pointSeen(from, at, (point) => disparityOf(pixelAt(point)), SCENE);
-          const slope = focusOn(from, seen, disparityNear(seen).disparity);
+          const shown = visiblePoint(from, at, (point) => disparityOf(pixelAt(point)), SCENE);
+          const slope = focusOn(from, shown, disparityNear(shown).disparity);
           return localSlope({ ...from, slope }, [x, y]) - disparity;
         })""",
         [
             [[(c + 0.5) / 128, (r + 0.5) / 96, float(truth[r, c])] for r, c in zip(y[chosen], x[chosen], strict=True)],
             part,
-            None,
         ],
     )
     # Half a step of the planes; points that another surface hides from this viewpoint are not there to be tapped.
