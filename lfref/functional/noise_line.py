@@ -1,5 +1,8 @@
-"""The noise line: variance a x + b of the noise at light x, measured in the flattest blocks of a light field's views.
+"""The noise line: variance a x + b of the noise at light x, measured in what views have least of.
 
+White noise has the same power at all frequencies and in all places. Texture has not: stripes leave frequencies between
+them, and scenes have blocks that are flat. So the spectra of small blocks are compared at each level of light: at each
+frequency the quiet tenth of the blocks, and of these the quiet quarter of the frequencies.
 The noise of interpolated samples, as after demosaicing, is correlated between neighbours. Only the part of it that
 changes from pixel to pixel is measured, so that the result is too small for such samples.
 Source: Immerkaer, "Fast Noise Variance Estimation", 1996 (the filter); Foi et al., "Practical Poissonian-Gaussian Noise
@@ -16,14 +19,12 @@ BLOCK = 8
 """Side of a block in pixels."""
 BINS = 8
 """Number of levels of light; each level has the same number of blocks."""
-FLAT = 0.1
-"""Share of a level's blocks that count as flat."""
-FLAT_VARIANCE = 0.539
-"""Mean variance of the flattest tenth of blocks of pure noise, in units of the noise's variance."""
-LEAST_BLOCKS = 20
+QUIET_BLOCKS, QUIET_FREQUENCIES = 0.1, 0.25
+"""Shares of a level's blocks, and of the frequencies, that count as quiet."""
+QUIET_VARIANCE = 0.097
+"""What these leave of the variance of pure noise: about the first tenth of an exponential distribution."""
+LEAST_BLOCKS = 500
 """Least number of blocks in a level."""
-ENERGY = 36.0
-"""Sum of the filter's squared weights."""
 SAMPLES = 1 << 19
 """Approximate number of samples that are measured."""
 
@@ -42,38 +43,57 @@ def measure(field: LightField) -> tuple[float, float]:
     if min(pictures.shape[-2:]) < BLOCK + 2:
         return 0.0, 0.0
     light, variance = blocks(pictures)
-    usable = (light > 0) & (light < 0.95) & variance.isfinite()
-    return _line(*_flattest(light[usable], variance[usable]))
+    usable = (light > 0) & (light < 0.95) & variance.isfinite().all(1)
+    return _line(*_quietest(light[usable], variance[usable]))
 
 
 def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean light and variance of all blocks of pictures, each in one row.
+    """Mean light [M] of all blocks of pictures, and at each of some high frequencies their variance [M, F], in units in
+    which white noise has its own.
 
     Args:
         pictures: Pictures of at least 10 x 10 pixels, [B, H, W].
     """
+    power = _power(pictures)
+    # Impulses say what each frequency takes of white noise.
+    impulses = torch.eye((BLOCK + 2) ** 2, device=pictures.device).unflatten(1, (BLOCK + 2, BLOCK + 2))
+    light = F.avg_pool2d(pictures[None, :, 1:-1, 1:-1], BLOCK)[0]
+    return light.flatten(), power / _power(impulses).sum(0)
+
+
+def _power(pictures: Tensor) -> Tensor:
+    """Power of the blocks of pictures [B, H, W] at high frequencies along both axes, [M, F]."""
     # Second differences along both axes remove smooth parts.
     across = pictures[..., 2:] - 2 * pictures[..., 1:-1] + pictures[..., :-2]
     rough = across[:, 2:] - 2 * across[:, 1:-1] + across[:, :-2]
-    variance = F.avg_pool2d(rough.square()[None], BLOCK)[0] / ENERGY
-    light = F.avg_pool2d(pictures[None, :, 1:-1, 1:-1], BLOCK)[0]
-    return light.flatten(), variance.flatten()
+    each = rough.unfold(1, BLOCK, BLOCK).unfold(2, BLOCK, BLOCK).flatten(0, 2)
+    window = torch.hann_window(BLOCK, device=pictures.device)
+    spectra = torch.fft.rfft2(each * window[:, None] * window)
+    # From a quarter of a cycle per pixel on; the very last frequency, which is real, is distributed differently.
+    quarter, half = BLOCK // 4, BLOCK // 2
+    high = spectra[:, quarter : BLOCK - quarter + 1, quarter:].abs().square()
+    is_last = torch.zeros(high.shape[1:], dtype=torch.bool, device=pictures.device)
+    is_last[half - quarter, half - quarter] = True
+    return high[:, ~is_last]
 
 
-def _flattest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
-    """Light and variance of the flattest blocks at each level of light, at most [BINS] both."""
+def _quietest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
+    """Light of the levels and variance of their quiet part, at most [BINS] both, for blocks [M] and [M, F]."""
     n_bins = max(1, min(BINS, len(light) // LEAST_BLOCKS))
-    order = light.argsort()
-    levels = [(light[part], variance[part]) for part in order.tensor_split(n_bins) if len(part)]
-    flattest = []
-    for own_light, own_variance in levels:
-        n_flat = max(1, int(FLAT * len(own_variance)))
-        flat = own_variance.argsort()[:n_flat]
-        flattest.append((own_light[flat].mean(), own_variance[flat].mean() / FLAT_VARIANCE))
-    if not flattest:
+    quietest = []
+    for part in light.argsort().tensor_split(n_bins):
+        if len(part):
+            by_frequency = _lowest(variance[part], QUIET_BLOCKS)
+            quietest.append((light[part].mean(), _lowest(by_frequency, QUIET_FREQUENCIES) / QUIET_VARIANCE))
+    if not quietest:
         return light.new_zeros(0), light.new_zeros(0)
-    lights, variances = zip(*flattest, strict=True)
+    lights, variances = zip(*quietest, strict=True)
     return torch.stack(lights), torch.stack(variances)
+
+
+def _lowest(values: Tensor, share: float) -> Tensor:
+    """The value below which a share of the first axis lies."""
+    return values.kthvalue(max(1, round(share * len(values))), 0).values
 
 
 def _line(light: Tensor, variance: Tensor) -> tuple[float, float]:

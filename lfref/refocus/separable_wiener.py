@@ -14,8 +14,9 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.functional import memory, neighbours
+from lfref.functional import memory, neighbours, noise_line
 from lfref.geometry import Slopes
+from lfref.lightfield import LightField
 from lfref.refocus import axis_filters, batches
 from lfref.refocus.axis_filters import AxisSpectrum
 from lfref.refocus.disparity import cost_volume, matching
@@ -131,19 +132,22 @@ def refocus_by_rows_and_columns(
 
 
 def noise_share(field: Tensor, aperture: Tensor, energies: Energies) -> float:
-    """`AxisSpectrum.noise` of a light field [V, U, C, H, W], by what distinguishes views that show the same."""
+    """`AxisSpectrum.noise` of a light field [V, U, C, H, W]: what differs between views that show the same, but no more
+    than is rough about each view."""
     if int((aperture > 0).sum()) < 2:
         return 0.0
     light = cost_volume.grey_views(field, aperture)
-    variance = float(light.central.var())
+    variance, mean = float(light.central.var()), float(light.central.mean())
     # Gloss differs from view to view as noise does, but hardly from pixel to pixel: detail has little of it.
     for view in torch.from_numpy(light.samples):  # one by one: the mean takes copies
         view -= neighbours.binomial(view)
     slopes = matching.slopes_between(float(energies.disparities[0]), float(energies.disparities[-1]))
-    noise = cost_volume.noise(light, slopes)
     # Noise of the channels is independent, and their mean has less of it.
-    noisy = NOISE * field.shape[2] * noise**2
-    return noisy / max(variance - noise**2, noisy, torch.finfo(torch.float32).tiny)
+    between = NOISE * field.shape[2] * cost_volume.noise(light, slopes) ** 2
+    # Aliased views differ without noise, and textures are rough without it: both measures are upper bounds.
+    shot, read = noise_line.measure(LightField(field.detach()))
+    noise = min(between, shot * mean + read)
+    return noise / max(variance - noise / field.shape[2], noise, torch.finfo(torch.float32).tiny)
 
 
 def finer(energies: Energies) -> Energies:
