@@ -74,7 +74,7 @@ class Mixed(nn.Module):
         shorter = torch.minimum(torch.full((), height), torch.full((), width))
         first, last = mixing.sweep_ends(low, high, self.grid, shorter)
         slopes = first + (last - first) * self.steps
-        halves = mixing.half_size(light.mean(2, keepdim=True))
+        halves = mixing.centred(mixing.half_size(light.mean(2, keepdim=True)))
         stack, covered = self.sweep(torch.cat([halves, halves.square()], 2), slopes / 2)
         return mixing.full_size(mixing.best_slopes(finished(stack, covered, None, slopes), slopes), height, width)
 

@@ -21,6 +21,8 @@ from lfref.nets.refiner import Corrector, RefinerBlock
 
 STEP = 0.2
 """Scale of the shares: with it, learning rates that suit the inner convolutions suit the last one too."""
+FAINT = 5e-6
+"""Error scale below which corrections fade out, in light."""
 
 
 class Mixer(Corrector):
@@ -97,8 +99,9 @@ class Mixer(Corrector):
         n_guides = int(self.config["n_guides"])
         differences, guides = planes.split([self.n_features - n_guides, n_guides], 1)
         flat = pictures.reshape(planes.shape[0], *pictures.shape[-3:])
-        counts = (error_scale > 0).reshape(planes.shape[0], 1, *error_scale.shape[-2:])
-        return torch.where(counts, self.mixed(guides, flat, differences), flat).reshape(pictures.shape)
+        # Continuous: in flat regions, rounding decides whether an error scale is exactly 0.
+        opening = (error_scale / FAINT).clamp(max=1).reshape(planes.shape[0], 1, *error_scale.shape[-2:])
+        return (flat + opening * (self.mixed(guides, flat, differences) - flat)).reshape(pictures.shape)
 
     def shares(self, guides: Tensor) -> Tensor:
         """Share of each candidate at each pixel, [N, k, H, W], for guides [N, K, H, W]."""
