@@ -360,8 +360,8 @@ def half_size(images: Tensor) -> Tensor:
 
 
 def centred(images: Tensor) -> Tensor:
-    """Images without their common mean: squares of small numbers lose fewer digits, and the variance is the same."""
-    return images - images.mean()
+    """Images [V, U, C, h, w] without their common mean: squares of small numbers lose fewer digits, and the variance is the same."""
+    return images - images.mean((-2, -1), keepdim=True).mean((0, 1, 2), keepdim=True)
 
 
 def full_size(images: Tensor, height: int, width: int) -> Tensor:
