@@ -21,7 +21,7 @@ from lfref.refocuser import networks
 
 PLACES = ("output=", "data.folder=", "data.cache_folder=")
 LIMITS = """three channels of linear light, even grids; may be worse than the method that it corrects where that is \
-nearly exact (beyond 70 dB), on stripes that alias, and beyond the grids and disparities of its training"""
+nearly exact (beyond 70 dB), in planes close to fine stripes, and beyond the grids and disparities of its training"""
 
 
 def notes(run: Run) -> dict[str, object]:

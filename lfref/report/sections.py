@@ -10,6 +10,7 @@ from lfref.bench import engine_timing
 from lfref.bench.timing import FFT
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.report import accuracy_time, answers, bench_plots, crops, plots, stability_table, sweeps, tables
+from lfref.report.answers import Answer
 from lfref.report.page import Section
 
 METRICS = "log/metrics.csv"
@@ -131,9 +132,18 @@ def evaluation(folder: Path) -> Section:
     figures["Quality by plane"] = plots.quality_by_plane(planes)
     figures |= {f"Comparison on {path.stem}": path for path in drawn[:1]}
     files = {} if parts == [folder] else {SUMMARY: summary, PLANES: planes}
-    sentence, shown_crops = ("", {}) if answer is None else (answer.sentence, crops.read(folder, answer))
+    sentence, shown_crops = ("", {}) if answer is None else (answer.sentence, _joined_crops(parts, answer))
     listed = {caption: means.reset_index()}
     return Section("Evaluation", text, figures, listed, files=files, answer=sentence, crops=shown_crops)
+
+
+def _joined_crops(parts: Sequence[Path], answer: Answer) -> Mapping[str, Path]:
+    """Crops of the run that evaluated the worst light field, if they show the methods of the answer."""
+    for part in parts:
+        own = answers.of_evaluation(tables.read_table(part / SUMMARY))
+        if own is not None and (own.worst, own.ours, own.other) == (answer.worst, answer.ours, answer.other):
+            return crops.read(part, answer)
+    return {}
 
 
 def _check_no_overlap(folder: Path, summary: pd.DataFrame) -> None:

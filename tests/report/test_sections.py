@@ -309,6 +309,24 @@ def test_the_shards_of_an_evaluation_are_joined(evaluation, shards):
     assert joined.figures["Comparison on a"] == shards / "0" / "comparison" / "a.png"
 
 
+def test_joined_shards_show_the_crops_of_the_worst_light_field(shards):
+    for job in ("0", "1"):
+        write_picture(shards / job / "crops" / "ours.png")
+    (section,) = sections.sections([shards])
+    assert list(section.crops.values()) == [shards / "0" / "crops" / "ours.png"]
+
+
+def test_joined_shards_show_no_crops_of_other_methods(shards):
+    # Where it was evaluated, the other method won.
+    rows = tables.read_table(shards / "0" / "summary.csv")
+    tables.write_table(shards / "0" / "summary.csv", rows.assign(mpsnr_db=[29.0, 29.5]))
+    rows = tables.read_table(shards / "1" / "summary.csv")
+    tables.write_table(shards / "1" / "summary.csv", rows.assign(mpsnr_db=[36.0, 34.0]))
+    write_picture(shards / "0" / "crops" / "ours.png")
+    (section,) = sections.sections([shards])
+    assert section.crops == {}
+
+
 def test_light_fields_that_two_shards_have_are_refused(shards):
     for name in ("planes.csv", "summary.csv"):
         (shards / "1" / name).write_bytes((shards / "0" / name).read_bytes())
