@@ -360,7 +360,7 @@ def half_size(images: Tensor) -> Tensor:
 
 
 def centred(images: Tensor) -> Tensor:
-    """Images [V, U, C, h, w] without their common mean: squares of small numbers lose fewer digits, and the variance is the same."""
+    """Images [V, U, C, h, w] without their common mean: the variance is the same, and squares lose fewer digits."""
     return images - images.mean((-2, -1), keepdim=True).mean((0, 1, 2), keepdim=True)
 
 
