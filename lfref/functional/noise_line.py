@@ -1,8 +1,8 @@
-"""The noise line: variance a x + b of the noise at light x, measured in what views have least of.
+"""The noise line: variance a x + b of the noise at light x, measured in the quietest parts of the views' spectra.
 
-White noise has the same power at all frequencies and in all places. Texture has not: stripes leave frequencies between
-them, and scenes have blocks that are flat. So the spectra of small blocks are compared at each level of light: at each
-frequency the quiet tenth of the blocks, and of these the quiet quarter of the frequencies.
+White noise has the same power in all blocks of a picture and at all frequencies. Texture adds power in some blocks and
+at some frequencies only. So each level of light is measured where its power is least: at each frequency the quiet tenth
+of the blocks counts, and of the frequencies the quiet quarter.
 The noise of interpolated samples, as after demosaicing, is correlated between neighbours. Only the part of it that
 changes from pixel to pixel is measured, so that the result is too small for such samples.
 Source: Immerkaer, "Fast Noise Variance Estimation", 1996 (the filter); Foi et al., "Practical Poissonian-Gaussian Noise
@@ -22,7 +22,7 @@ BINS = 8
 QUIET_BLOCKS, QUIET_FREQUENCIES = 0.1, 0.25
 """Shares of a level's blocks, and of the frequencies, that count as quiet."""
 QUIET_VARIANCE = 0.097
-"""What these leave of the variance of pure noise: about the first tenth of an exponential distribution."""
+"""What is measured there of pure noise of variance 1: about the first tenth of an exponential distribution."""
 LEAST_BLOCKS = 500
 """Least number of blocks in a level."""
 SAMPLES = 1 << 19
@@ -48,8 +48,9 @@ def measure(field: LightField) -> tuple[float, float]:
 
 
 def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean light [M] of all blocks of pictures, and at each of some high frequencies their variance [M, F], in units in
-    which white noise has its own.
+    """Mean light of all blocks of pictures, [M], and their power at F high frequencies, [M, F].
+
+    Power is scaled so that white noise has its variance as power.
 
     Args:
         pictures: Pictures of at least 10 x 10 pixels, [B, H, W].

@@ -21,7 +21,7 @@ from lfref.nets.refiner import Corrector, RefinerBlock
 
 STEP = 0.2
 """Scale of the shares: with it, learning rates that suit the inner convolutions suit the last one too."""
-FAINT = 5e-6
+LEAST_ERROR = 5e-6
 """Error scale below which corrections fade out, in light."""
 
 
@@ -100,7 +100,7 @@ class Mixer(Corrector):
         differences, guides = planes.split([self.n_features - n_guides, n_guides], 1)
         flat = pictures.reshape(planes.shape[0], *pictures.shape[-3:])
         # Continuous: in flat regions, rounding decides whether an error scale is exactly 0.
-        opening = (error_scale / FAINT).clamp(max=1).reshape(planes.shape[0], 1, *error_scale.shape[-2:])
+        opening = (error_scale / LEAST_ERROR).clamp(max=1).reshape(planes.shape[0], 1, *error_scale.shape[-2:])
         return (flat + opening * (self.mixed(guides, flat, differences) - flat)).reshape(pictures.shape)
 
     def shares(self, guides: Tensor) -> Tensor:

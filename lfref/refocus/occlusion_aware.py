@@ -34,9 +34,9 @@ better in wide ranges too, and the range before it over which they fade in. By t
 through cells."""
 RARE = 0.02
 """Share of the light at either end of a range that does not make it wide: gloss, highlights, and errors."""
-UNKNOWN = 0.003
-"""Least noise of filters of all views, as a share of the picture's variance: errors of disparities act like noise. By
-trial on `sim30.WIDE` and `deep`: without it the mean is .2 dB lower, with .01 `deep` is .5 dB worse."""
+LEAST_NOISE = 0.003
+"""Least noise that filters of all views expect, as a share of the picture's variance: wrong disparities act like noise.
+By trial on `sim30.WIDE` and `deep`: without it the mean is .2 dB lower, with .01 `deep` is .5 dB worse."""
 AROUND = 17
 """Side of the square around a pixel whose disparities count, in pixels."""
 
@@ -98,7 +98,7 @@ def occlusion_aware_parts(
         is_wide = _is_wide(energies)
         if is_wide:
             near = _nearness(disparity, planes)
-            by_map = prior_of_map(disparity)._replace(noise=max(noise, UNKNOWN))
+            by_map = prior_of_map(disparity)._replace(noise=max(noise, LEAST_NOISE))
             joint = wiener(field, planes, by_map, aperture)
             everywhere = everywhere + near * (joint - everywhere)
         blocks = block_filters.refocus_by_blocks(field, planes, disparity, prior, aperture, noise)

@@ -132,8 +132,8 @@ def refocus_by_rows_and_columns(
 
 
 def noise_share(field: Tensor, aperture: Tensor, energies: Energies) -> float:
-    """`AxisSpectrum.noise` of a light field [V, U, C, H, W]: what differs between views that show the same, but no more
-    than is rough about each view."""
+    """`AxisSpectrum.noise` of a light field [V, U, C, H, W]: the smaller one of two measures, between views and within
+    each view."""
     if int((aperture > 0).sum()) < 2:
         return 0.0
     light = cost_volume.grey_views(field, aperture)

@@ -5,7 +5,7 @@ import torch
 from torch.autograd import gradcheck
 
 from lfref.errors import InputError
-from lfref.nets.mixer import FAINT, STEP, Mixer
+from lfref.nets.mixer import LEAST_ERROR, STEP, Mixer
 
 
 def trained(**options):
@@ -66,7 +66,7 @@ def test_corrections_fade_in_where_the_error_scale_is_next_to_nothing():
     features, pictures, error_scale = drawn()
     net, whole = trained(), torch.ones_like(error_scale)
     correction = net(features, pictures, whole) - pictures
-    half = net(features, pictures, 0.5 * FAINT * whole) - pictures
+    half = net(features, pictures, 0.5 * LEAST_ERROR * whole) - pictures
     torch.testing.assert_close(half, correction / 2, atol=1e-6, rtol=1e-5)
 
 
