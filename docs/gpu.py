@@ -39,7 +39,7 @@ class Size:
     train: tuple[str, ...]
     """Overrides of all trainings."""
     tests: tuple[str, ...]
-    """Tests that use a GPU where there is one."""
+    """Arguments of pytest."""
     bench: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Overrides of the benches, by their group."""
 
@@ -49,7 +49,7 @@ FULL = Size(
     fields=200,
     pixels="[375,540]",
     train=("trainer=gpu", "trainer.precision=bf16-mixed"),
-    tests=("tests/refocus", "tests/engines", "tests/simulator", "tests/data", "tests/bench"),
+    tests=("-m", "gpu", "tests"),
 )
 """On a GPU: the paper's network, crops and batches."""
 SMALL = ("scene.camera.size=[96,96]", "repeats=1")

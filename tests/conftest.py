@@ -1,4 +1,4 @@
-"""Shared by all tests: a fixed seed, and where the real capture lies on machines that have it."""
+"""Shared by all tests: a fixed seed, which tests this machine skips, and where the real capture lies."""
 
 import importlib.util
 import os
@@ -21,6 +21,13 @@ if importlib.util.find_spec("absl") is not None:
     absl_logging.get_absl_handler().python_handler.stream = sys.__stderr__
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def pytest_collection_modifyitems(items):
+    if not torch.cuda.is_available():
+        for item in items:
+            if item.get_closest_marker("gpu") is not None:
+                item.add_marker(pytest.mark.skip(reason="no GPU"))
 
 
 @pytest.fixture(autouse=True)

@@ -133,7 +133,7 @@ def test_samples_move_to_other_devices(stored):
     assert crop.has_weight
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.gpu
 @pytest.mark.parametrize("dtype", [torch.uint8, torch.uint16, torch.float32])
 def test_a_gpu_decodes_as_a_processor_does(dtype):
     samples = torch.arange(256).reshape(1, 1, 1, 16, 16).to(dtype)

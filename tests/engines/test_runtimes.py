@@ -15,7 +15,11 @@ from lfref.errors import InputError
 from tests.engines import cases
 
 CPU = torch.device("cpu")
-EVERY = [(engine, precision) for engine, ways in ENGINES.items() for precision in ways]
+EVERY = [
+    pytest.param(engine, precision, marks=[pytest.mark.gpu] if engine == "cuda_graphs" else [])
+    for engine, ways in ENGINES.items()
+    for precision in ways
+]
 ALLOWED = {"fp32": 1e-5, "bf16": 0.1, "int8": 0.3}
 """Root mean square of what changes, beside the standard deviation of what the network adds or draws."""
 

@@ -235,7 +235,7 @@ def test_a_broken_operator_is_noticed(contract, broken, more):
         contract(broken, SMALL, *more)
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.gpu
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @for_each(OPERATORS | ESTIMATES)
 def test_same_on_a_gpu(name, dtype):
@@ -243,7 +243,7 @@ def test_same_on_a_gpu(name, dtype):
         contracts.assert_same_on_gpu(operator, SHAPES[0], dtype)
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.gpu
 @for_each(OPERATORS | ESTIMATES)
 def test_integers_on_a_gpu(name):
     for dtype in batches.FULL_SCALE:

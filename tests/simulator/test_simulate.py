@@ -127,7 +127,7 @@ def test_outputs_that_do_not_exist_are_refused(outputs):
         simulate(CARDS, outputs=outputs)
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.gpu
 @settings(deadline=None, max_examples=30, suppress_health_check=list(HealthCheck))
 @given(drawing.SCENES, drawing.SENSORS)
 def test_a_gpu_simulates_the_same(scene, sensor):

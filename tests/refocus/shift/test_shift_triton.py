@@ -69,7 +69,7 @@ def test_samples_more_than_2_to_the_31_apart_are_reached(monkeypatch):
     assert printed(monkeypatch, FAR_APART) == "equal\n"
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.gpu
 @pytest.mark.parametrize(("interpolation", "border", "dtype"), CASES)
 def test_equals_pytorch_on_a_gpu(interpolation, border, dtype):
     views = torch.rand(7, 7, 3, 60, 90, dtype=torch.float64)
