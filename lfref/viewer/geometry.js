@@ -21,6 +21,8 @@ const SHAPES = {
   heart: heartNorm,
 };
 const MOST_ZOOM = 8;
+const PREDICTION_STEPS = 2; // of a fixed point, and the sample of a difference of 0: as in `coding.py`
+const ZERO_DIFFERENCE = 128;
 const HELD = 0.5; // pixels: largest blur, in the outermost view, of a plane that stands for a slope nearby
 
 /** Norm whose unit ball is a heart, point down. @param {number} x @param {number} y */
@@ -35,6 +37,37 @@ function heartNorm(x, y) {
     else high = scale;
   }
   return high;
+}
+
+/** Turn the difference of a view from its prediction into the view, in place; as `coding.py` predicts.
+ * @param {Uint8ClampedArray} view difference, then view, four samples a pixel
+ * @param {{ pixels: Uint8ClampedArray, size: Point, camera: Point }} reference of width and height `size`
+ * @param {Point} camera @param {{ values: Float32Array, size: Point }} disparities of the central view */
+function addPrediction(view, { pixels, size: [width, height], camera: from }, camera, { values, size: [across, down] }) {
+  const [shiftX, shiftY, backX, backY] = [camera[0] / across, camera[1] / down, from[0] / across, from[1] / down];
+  const clamp = (/** @type {number} */ at, /** @type {number} */ length) => Math.min(length - 1, Math.max(0, at));
+  for (let row = 0, p = 0; row < height; row++) {
+    const y = (row + 0.5) / height;
+    for (let column = 0; column < width; column++, p += 4) {
+      const x = (column + 0.5) / width;
+      let [u, v, d] = [x, y, 0];
+      for (let step = 0; step <= PREDICTION_STEPS; step++) {
+        d = values[clamp(Math.floor(v * down), down) * across + clamp(Math.floor(u * across), across)];
+        if (step < PREDICTION_STEPS) [u, v] = [x - d * shiftX, y - d * shiftY];
+      }
+      // Linear interpolation of the reference.
+      const [left, top] = [(u + d * backX) * width - 0.5, (v + d * backY) * height - 0.5];
+      const [x0, y0] = [Math.floor(left), Math.floor(top)];
+      const [fx, fy] = [left - x0, top - y0];
+      const [west, east] = [4 * clamp(x0, width), 4 * clamp(x0 + 1, width)];
+      const [north, south] = [4 * width * clamp(y0, height), 4 * width * clamp(y0 + 1, height)];
+      for (let c = 0; c < 3; c++) {
+        const above = (1 - fx) * pixels[north + west + c] + fx * pixels[north + east + c];
+        const below = (1 - fx) * pixels[south + west + c] + fx * pixels[south + east + c];
+        view[p + c] += (1 - fy) * above + fy * below - ZERO_DIFFERENCE;
+      }
+    }
+  }
 }
 
 /** Largest distance of the cameras from the middle along x and y. @param {Point[]} cameras @returns {Point} */

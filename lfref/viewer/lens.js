@@ -44,15 +44,28 @@ void main() {
     light += weight * vec4(colour, 1.0);
   }
 }`;
+const DISPARITY = `
+float disparity(vec2 place) {
+  ivec2 known = textureSize(disparities, 0);
+  return texelFetch(disparities, clamp(ivec2(floor(place * vec2(known))), ivec2(0), known - 1), 0).r;
+}`;
+// Add the difference of a view to what the reference predicts. The target encodes light as sRGB again.
+const RESTORE = `#version 300 es
+precision highp float;
+uniform sampler2D reference, difference, disparities; uniform vec2 size, camera, from;
+in vec2 at; out vec4 light;${DISPARITY}
+void main() {
+  vec2 place = at;
+  for (int k = 0; k < ${PREDICTION_STEPS}; k++) place = at - disparity(place) * camera / size;
+  vec3 predicted = texture(reference, place + disparity(place) * from / size).rgb;
+  vec3 view = clamp(predicted + texture(difference, at).rgb - ${ZERO_DIFFERENCE}.0 / 255.0, 0.0, 1.0);
+  light = vec4(mix(view / 12.92, pow((view + 0.055) / 1.055, vec3(2.4)), step(0.04045, view)), 1.0);
+}`;
 const BOX = `#version 300 es
 precision highp float;
 uniform sampler2D sum, disparities; uniform vec3 focus; uniform vec2 size, viewpoint; uniform ivec2 axis; uniform float cell;
 uniform bool last; uniform ivec2 pixels;
-in vec2 at; out vec4 light;
-float disparity(vec2 place) {
-  ivec2 known = textureSize(disparities, 0);
-  return texelFetch(disparities, clamp(ivec2(place * vec2(known)), ivec2(0), known - 1), 0).r;
-}
+in vec2 at; out vec4 light;${DISPARITY}
 void main() {
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   float slope = focus.x + dot(focus.yz, at - 0.5);
@@ -129,20 +142,49 @@ function glLens(canvas, images, masks) {
     for (const each of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(kind, each, filter);
     return unit++;
   };
-  const layersOf = (/** @type {ImageBitmap[]} */ layers, /** @type {number} */ stored, /** @type {number} */ format) => {
+  const layersOf = (/** @type {ImageBitmap[]} */ layers, /** @type {number} */ stored, /** @type {number} */ format, filled = [...layers.keys()]) => {
     const at = textureOf(gl.TEXTURE_2D_ARRAY, gl.LINEAR);
     gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, stored, layers[0].width, layers[0].height, layers.length);
-    layers.forEach((layer, k) => {
-      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, layer.width, layer.height, 1, format, gl.UNSIGNED_BYTE, layer);
+    for (const k of filled) {
+      const { width, height } = layers[k];
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, width, height, 1, format, gl.UNSIGNED_BYTE, layers[k]);
+    }
+    return at;
+  };
+  const disparities = textureOf(gl.TEXTURE_2D, gl.NEAREST);
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, WIDTH, HEIGHT, 0, gl.RED, gl.FLOAT, DISPARITIES);
+  const quad = (/** @type {WebGLFramebuffer | null} */ frame, /** @type {number} */ across, /** @type {number} */ down) => {
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+    gl.viewport(0, 0, across, down);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+  };
+  const restored = (/** @type {number} */ reference) => {
+    const at = layersOf(images, gl.SRGB8_ALPHA8, gl.RGBA, [reference]);
+    const layers = gl.getParameter(gl.TEXTURE_BINDING_2D_ARRAY);
+    const predictor = textureOf(gl.TEXTURE_2D, gl.LINEAR);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, images[reference]);
+    const difference = textureOf(gl.TEXTURE_2D, gl.NEAREST);
+    const [{ program, at: uniform }, frame] = [programOf(gl, RESTORE), gl.createFramebuffer()];
+    gl.useProgram(program);
+    gl.uniform1i(uniform("reference"), predictor);
+    gl.uniform1i(uniform("difference"), difference);
+    gl.uniform1i(uniform("disparities"), disparities);
+    gl.uniform2f(uniform("size"), WIDTH, HEIGHT);
+    gl.uniform2fv(uniform("from"), content.views.cameras[reference]);
+    images.forEach((image, k) => {
+      if (k === reference) return;
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, image);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+      gl.framebufferTextureLayer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, layers, 0, k);
+      gl.uniform2fv(uniform("camera"), content.views.cameras[k]);
+      quad(frame, width, height);
     });
     return at;
   };
-  const views = layersOf(images, gl.SRGB8_ALPHA8, gl.RGBA);
+  const { reference } = content.views;
+  const views = reference === null ? layersOf(images, gl.SRGB8_ALPHA8, gl.RGBA) : restored(reference);
   const mask = masks ? layersOf(masks, gl.R8, gl.RED) : views;
   const cameras = textureOf(gl.TEXTURE_2D, gl.NEAREST);
-  const disparities = textureOf(gl.TEXTURE_2D, gl.NEAREST);
-  const known = Float32Array.from({ length: WIDTH * HEIGHT }, (_, pixel) => disparityOf(pixel));
-  gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, WIDTH, HEIGHT, 0, gl.RED, gl.FLOAT, known);
   const target = (/** @type {number} */ stored, /** @type {number} */ filter) => {
     const at = textureOf(gl.TEXTURE_2D, filter);
     gl.texStorage2D(gl.TEXTURE_2D, 1, stored, width, height);
@@ -158,11 +200,6 @@ function glLens(canvas, images, masks) {
   const scene = (/** @type {ReturnType<typeof programOf>} */ { at }, /** @type {Lens} */ lens) => {
     gl.uniform3f(at("focus"), lens.slope, lens.tiltX, lens.tiltY);
     gl.uniform2f(at("size"), WIDTH, HEIGHT);
-  };
-  const quad = (/** @type {WebGLFramebuffer | null} */ frame, /** @type {number} */ across, /** @type {number} */ down) => {
-    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-    gl.viewport(0, 0, across, down);
-    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   };
 
   let [across, down] = [width, height]; // pixels that are drawn
@@ -229,6 +266,27 @@ function glLens(canvas, images, masks) {
 
 const COARSE = 2; // pixels along the side of one without a graphics processor
 
+/** Views, one after the other into the same canvas, from their differences. @param {ImageBitmap[]} images
+ * @returns {Generator<ImageBitmap | OffscreenCanvas>} */
+function* wholeViews(images) {
+  const { reference, cameras, size: [height, width] } = content.views;
+  const canvas = new OffscreenCanvas(width, height);
+  const drawing = /** @type {OffscreenCanvasRenderingContext2D} */ (canvas.getContext("2d", { willReadFrequently: true }));
+  const pixelsOf = (/** @type {ImageBitmap} */ image) => {
+    drawing.drawImage(image, 0, 0);
+    return drawing.getImageData(0, 0, width, height);
+  };
+  const from = reference === null ? null : { pixels: pixelsOf(images[reference]).data, size: /** @type {Point} */ ([width, height]), camera: cameras[reference] };
+  for (const [k, image] of images.entries()) {
+    if (from && k !== reference) {
+      const view = pixelsOf(image);
+      addPrediction(view.data, from, cameras[k], { values: DISPARITIES, size: [WIDTH, HEIGHT] });
+      drawing.putImageData(view, 0, 0);
+    }
+    yield from && k !== reference ? canvas : image;
+  }
+}
+
 /** The lens on the processor. @param {HTMLCanvasElement} canvas @param {ImageBitmap[]} images @returns {Drawing} */
 function plainLens(canvas, images) {
   const [height, width] = content.views.size.map((/** @type {number} */ length) => Math.ceil(length / COARSE));
@@ -237,7 +295,7 @@ function plainLens(canvas, images) {
   const linear = Float32Array.from({ length: 256 }, (_, k) => {
     return k <= 10 ? k / 255 / 12.92 : ((k / 255 + 0.055) / 1.055) ** 2.4;
   });
-  const views = images.map((image) => {
+  const views = Array.from(wholeViews(images), (image) => {
     drawing.drawImage(image, 0, 0, width, height);
     return drawing.getImageData(0, 0, width, height).data;
   });

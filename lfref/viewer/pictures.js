@@ -36,6 +36,8 @@ function disparityOf(pixel) {
   return content.depth.low + (depth.steps[pixel] / 65535) * (content.depth.high - content.depth.low);
 }
 
+const DISPARITIES = Float32Array.from({ length: WIDTH * HEIGHT }, (_, pixel) => disparityOf(pixel));
+
 /** Index of the pixel at a point of the picture. @param {Point} at */
 function pixelAt([x, y]) {
   const column = Math.min(WIDTH - 1, Math.max(0, Math.floor(x * WIDTH)));

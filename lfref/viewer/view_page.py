@@ -9,8 +9,7 @@ import base64
 import hashlib
 import json
 import math
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,21 +24,19 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import neighbours
-from lfref.io import atomic, images
+from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocus.disparity import cost_volume
 from lfref.refocuser import filling
 from lfref.report import disparity_colours
 from lfref.report.refocused import Refocused
+from lfref.viewer import coding
+from lfref.viewer.coding import LOSSLESS, Coding, Prediction
 
 PROGRAMS = ("geometry.js", "pictures.js", "lens.js", "page.js")
 """Files of the page's program, in the order of execution."""
 MOST_VIEW_PIXELS = 12_000_000
 """Most pixels of all views together. Larger views are made smaller, so that the page can be sent by mail."""
-QUALITIES = {".webp": (75, 80, 85, 90, 95, 100), ".jpg": (75, 80, 85, 90, 95, 98, 100)}
-"""Qualities of lossy pictures that are tried."""
-LEAST_DB = 38.5
-"""PSNR that pictures of the views should have, of encoded samples: pages of 9x9 Lytro views then stay below 3 MB."""
 LEAST_SEEN, MOST_CROPPED = 0.5, 0.15
 """Share of the views that see a pixel which is shown, and largest share of a side that is cropped away for it."""
 WINDOW, CENTRAL = 9, 0.35
@@ -125,8 +122,9 @@ def page_content(methods: Mapping[str, Refocused], shape: str = "square") -> dic
         the focus at first; `shape` of the aperture; `methods`, each with `name` and `planes` (pictures, without loss
         if there are several); `depth` with `low`, `high`, `disparity`, `confidence`, and `least_confidence`, that of a
         known disparity; `sharp` and `map` (pictures); `scale` of the map's colours with `low`, `high` and `bar` (a
-        picture of them); `views` with `size`, `pictures`, `cameras` (x, y from the middle, in view steps), and `masks`
-        (pictures of the samples' weights, or None).
+        picture of them); `views` with `size`, `cameras` (x, y from the middle, in view steps), `reference` (index of
+        the view that predicts the others, or None), `pictures` (of the views, or of their differences from what is
+        predicted), and `masks` (pictures of the samples' weights, or None).
 
     Raises:
         InputError: There is no method, or the methods have different planes.
@@ -140,8 +138,9 @@ def page_content(methods: Mapping[str, Refocused], shape: str = "square") -> dic
     near = first.near_sign
     values = [first.planes.values[plane] for plane in first.by_slope]
     start = _start(values, slopes, _interest(first, near * slopes, confidence))
-    coding = _coding(first)
-    encode = coding.uri if len(methods) == 1 else LOSSLESS.uri
+    middle = first.field.views[tuple(length // 2 for length in first.field.grid)]
+    small = coding.smallest(first.encoded(middle)).coding
+    encode = small.uri if len(methods) == 1 else LOSSLESS.uri
     ends = disparity_colours.ends(slopes, first.planes.values)
     return {
         "size": list(first.field.size),
@@ -158,54 +157,11 @@ def page_content(methods: Mapping[str, Refocused], shape: str = "square") -> dic
         ],
         "start": start,
         "depth": _depth(slopes, confidence),
-        "sharp": coding.uri(first.encoded(first.sharp)),
-        "map": coding.uri(first.disparity_picture),
+        "sharp": small.uri(first.encoded(first.sharp)),
+        "map": small.uri(first.disparity_picture),
         "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(disparity_colours.coloured(_bar(*ends), *ends))},
-        "views": _views(first, coding),
+        "views": _views(first, slopes, small),
     }
-
-
-class Coding(NamedTuple):
-    """Format of pictures, by its suffix, and its quality from 1 to 100."""
-
-    suffix: str
-    quality: int
-
-    def coded(self, image: NDArray[np.floating]) -> tuple[bytes, NDArray]:
-        """A file of an encoded image [H, W, C] in [0, 1], and what is read from it, uint8."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, f"picture{self.suffix}")
-            images.write_parts(path, [images.Part(image)], 8, self.quality)
-            return path.read_bytes(), images.read_image(path)
-
-    def uri(self, image: NDArray[np.floating]) -> str:
-        """An encoded image [H, W, C] in [0, 1] as a data URI."""
-        kind = "jpeg" if self.suffix == ".jpg" else self.suffix[1:]
-        return f"data:image/{kind};base64,{_base64(self.coded(image)[0])}"
-
-
-LOSSLESS = Coding(".png", images.QUALITY)
-
-
-def _coding(refocused: Refocused) -> Coding:
-    """The coding of the fewest bytes that shows a middle view with `LEAST_DB`, or the best one if none does.
-
-    WebP halves the resolution of colours: where these are fine, only JPEG reaches it.
-    """
-    view = refocused.field.views[tuple(length // 2 for length in refocused.field.grid)]
-    image = refocused.encoded(view)
-    tried: list[tuple[bool, float, Coding]] = []
-    for suffix in filter(images.writes, QUALITIES):
-        for quality in QUALITIES[suffix]:
-            coding = Coding(suffix, quality)
-            file, read = coding.coded(image)
-            error = float(np.square(read[..., :3] / 255 - image).mean())
-            decibels = -10 * math.log10(max(error, 1e-9))
-            if decibels >= LEAST_DB:
-                tried.append((True, -len(file), coding))
-                break
-            tried.append((False, decibels, coding))
-    return max(tried)[2]
 
 
 def _interest(refocused: Refocused, nearness: NDArray[np.floating], confidence: NDArray[np.floating]) -> Tensor:
@@ -256,7 +212,7 @@ def _bar(low: float, high: float) -> NDArray[np.float64]:
     return np.tile(np.linspace(low, high, BAR_SIZE[1]), (BAR_SIZE[0], 1))
 
 
-def _views(refocused: Refocused, coding: Coding) -> dict[str, Any]:
+def _views(refocused: Refocused, disparity: NDArray[np.floating], first: Coding) -> dict[str, Any]:
     field = refocused.field
     views = field.views.flatten(0, 1)
     scale = min(1.0, math.sqrt(MOST_VIEW_PIXELS / (len(views) * math.prod(field.size))))
@@ -273,26 +229,50 @@ def _views(refocused: Refocused, coding: Coding) -> dict[str, Any]:
     weights = torch.ones(len(views)) if field.weight is None else field.weight.flatten(0, 1).flatten(1).amax(1)
     kept = weights.nonzero()[:, 0].tolist()
     has_masks = field.weight is not None and filling.view_weights(field.weight) is None
+    cameras = [(round(x, 4), round(y, 4)) for y, x in positions.flatten(0, 1)[kept].tolist()]
 
     # One view at a time: all of them may be larger than all else of the page.
-    def shown(n: int) -> str:
-        view = views[n]
+    def shown(k: int) -> NDArray[np.float32]:
+        view = views[kept[k]]
         if field.weight is not None and has_masks:
             # Samples without weight would darken those beside them.
-            view = torch.lerp(refocused.mean, view, (field.weight.flatten(0, 1)[n] / weights[n]).to(view).clamp(0, 1))
-        return coding.uri(refocused.encoded(smaller(view)))
+            share = (field.weight.flatten(0, 1)[kept[k]] / weights[kept[k]]).to(view).clamp(0, 1)
+            view = torch.lerp(refocused.mean, view, share)
+        return refocused.encoded(smaller(view))
 
     def mask(n: int) -> str:
         assert field.weight is not None
         return LOSSLESS.uri(smaller(field.weight.flatten(0, 1)[n] / weights.amax()).permute(1, 2, 0).float().numpy())
 
-    cameras = positions.flatten(0, 1)[kept].tolist()
+    reference, pictures = _coded_views(cameras, shown, disparity, first)
     return {
         "size": size,
-        "pictures": [shown(n) for n in kept],
+        "pictures": pictures,
+        "reference": reference,
         "masks": [mask(n) for n in kept] if has_masks else None,
-        "cameras": [[round(x, 4), round(y, 4)] for y, x in cameras],
+        "cameras": [list(camera) for camera in cameras],
     }
+
+
+def _coded_views(
+    cameras: Sequence[tuple[float, float]],
+    shown: Callable[[int], NDArray[np.float32]],
+    disparity: NDArray[np.floating],
+    first: Coding,
+) -> tuple[int | None, list[str]]:
+    """The view that predicts the others, None where that saves nothing, and the pictures that are kept of all views."""
+    distances = [math.hypot(*camera) for camera in cameras]
+    reference, far = (int(choose(distances)) for choose in (np.argmin, np.argmax))
+    whole = coding.at_least(coding.LEAST_DB + coding.BETTER_DB, shown(reference), first)
+    prediction = Prediction(whole.shown, cameras[reference], disparity)
+    plain = coding.at_least(coding.LEAST_DB, shown(far), first)
+    least = coding.smallest(shown(far), prediction.view(cameras[far]))
+    if far == reference or len(least.file) >= len(plain.file):
+        return None, [coding.at_least(coding.LEAST_DB, shown(k), first).uri for k in range(len(cameras))]
+    return reference, [
+        whole.uri if k == reference else coding.at_least(coding.LEAST_DB, shown(k), least.coding, prediction.view(camera)).uri
+        for k, camera in enumerate(cameras)
+    ]
 
 
 def _base64(content: bytes) -> str:

@@ -1,8 +1,13 @@
 """A disc before a wall, whose disparities are known, refocused by two methods."""
 
+import base64
 import dataclasses
 import functools
+import io
+import re
 
+import numpy as np
+import pytest
 import torch
 
 from lfref.geometry import FocalPlanes
@@ -14,6 +19,7 @@ from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Noise
+from lfref.viewer.coding import ZERO, Prediction
 
 PLANES = FocalPlanes([1.0, -1.0, -0.5, 0.0, 0.5])  # in no order
 FAR, NEAR = -0.62, 0.83
@@ -43,3 +49,26 @@ def methods(**options):
     stack = shift_and_sum(field.views, PLANES.slopes)
     stacks = {"linear": stack, "dim": 0.6 * stack}
     return {name: Refocused(field, stack, PLANES) for name, stack in stacks.items()}
+
+
+def pixels(uri, kind="(jpeg|webp)"):
+    """Samples of a picture of the page, in [0, 1]."""
+    Image = pytest.importorskip("PIL.Image")
+    head, _, text = uri.partition(",")
+    assert re.fullmatch(f"data:image/{kind};base64", head)
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))), np.float64) / 255
+
+
+def views(content):
+    """The views as a page with this content shows them, [H, W, 3] each."""
+    depth, views = content["depth"], content["views"]
+    pictures = [pixels(picture) for picture in views["pictures"]]
+    if (reference := views["reference"]) is None:
+        return pictures
+    steps = np.frombuffer(base64.b64decode(depth["disparity"]), "<u2").reshape(content["size"])
+    disparity = depth["low"] + steps / 65535 * (depth["high"] - depth["low"])
+    prediction = Prediction(pictures[reference], views["cameras"][reference], disparity)
+    return [
+        picture if k == reference else (prediction.view(camera) + picture - ZERO).clip(0, 1)
+        for k, (picture, camera) in enumerate(zip(pictures, views["cameras"], strict=True))
+    ]

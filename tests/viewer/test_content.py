@@ -2,8 +2,6 @@
 
 import base64
 import dataclasses
-import io
-import re
 
 import numpy as np
 import pytest
@@ -13,21 +11,13 @@ from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.report import disparity_colours
 from lfref.report import refocused as refocused_module
-from lfref.viewer import view_page
+from lfref.viewer import coding, view_page
 from tests.viewer import cases
-
-Image = pytest.importorskip("PIL.Image")
 
 
 @pytest.fixture(scope="module")
 def content():
     return view_page.page_content(cases.methods())
-
-
-def pixels(uri, kind="(jpeg|webp)"):
-    head, _, text = uri.partition(",")
-    assert re.fullmatch(f"data:image/{kind};base64", head)
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))), np.float64) / 255
 
 
 def test_planes_rise_and_are_pictures_of_the_stack(content):
@@ -36,7 +26,9 @@ def test_planes_rise_and_are_pictures_of_the_stack(content):
     assert [method["name"] for method in content["methods"]] == ["linear", "dim"]
     first = cases.methods()["linear"]
     expected = first.encoded(first.stack[0])  # slope 1
-    own, other = (np.abs(pixels(content["methods"][0]["planes"][place], "png") - expected).max() for place in (4, 3))
+    own, other = (
+        np.abs(cases.pixels(content["methods"][0]["planes"][place], "png") - expected).max() for place in (4, 3)
+    )
     assert own <= 0.5 / 255 + 1e-6, "what is compared has no loss"
     assert other > 0.1
 
@@ -54,7 +46,7 @@ def test_disparity_is_exact_to_a_thousandth(content):
 def test_the_map_has_the_colours_of_its_bar(content):
     scale, (slopes, confidence) = content["scale"], cases.methods()["linear"].slope_and_confidence
     assert -1 <= scale["low"] < scale["high"] <= 1
-    bar, shown = pixels(scale["bar"], "png")[4], pixels(content["map"])
+    bar, shown = cases.pixels(scale["bar"], "png")[4], cases.pixels(content["map"])
     places = (slopes.numpy().clip(scale["low"], scale["high"]) - scale["low"]) / (scale["high"] - scale["low"])
     expected = bar[np.rint(places * (len(bar) - 1)).astype(int)]
     is_known, is_unknown = (
@@ -87,8 +79,29 @@ def test_views_come_with_their_cameras(content):
     assert len(views["pictures"]) == len(views["cameras"]) == 25
     assert views["cameras"][0] == [-2, -2]
     assert views["cameras"][1] == [-1, -2], "x, then y"
+
+
+def test_every_view_has_its_least_quality_though_most_are_kept_as_differences(content):
     field, _ = cases.scene()
-    assert np.abs(pixels(views["pictures"][1]) - cases.methods()["linear"].encoded(field.views[0, 1])).mean() < 0.01
+    assert content["views"]["reference"] == 12, "the central one"
+    for view, shown in zip(field.views.flatten(0, 1), cases.views(content), strict=True):
+        error = np.square(shown - cases.methods()["linear"].encoded(view)).mean()
+        assert -10 * np.log10(error) >= coding.LEAST_DB
+    middle = content["views"]["pictures"][12]
+    assert np.mean([len(picture) for picture in content["views"]["pictures"]]) < 0.5 * len(middle)
+
+
+def test_views_that_predict_nothing_are_kept_whole():
+    field, _ = cases.scene()
+    unlike = dataclasses.replace(field, views=torch.rand(field.views.shape))
+    views = view_page._views(
+        dataclasses.replace(cases.methods()["linear"], field=unlike), np.zeros((96, 128)), coding.LOSSLESS
+    )
+    assert views["reference"] is None
+    assert (
+        np.abs(cases.pixels(views["pictures"][3], "png") - cases.methods()["linear"].encoded(unlike.views[0, 3])).max()
+        < 0.003
+    )
 
 
 def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():
@@ -99,7 +112,7 @@ def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():
     refocused = dataclasses.replace(
         cases.methods()["linear"], field=dataclasses.replace(field, weight=weight, positions=positions)
     )
-    views = view_page._views(refocused, view_page.LOSSLESS)
+    views = view_page._views(refocused, np.zeros((96, 128)), coding.LOSSLESS)
     assert len(views["pictures"]) == 24
     assert views["cameras"][-1] == [-0.5, 1.25]
 
@@ -122,25 +135,7 @@ def test_a_single_method_has_small_pictures():
     only = {"linear": cases.methods()["linear"]}
     content = view_page.page_content(only)
     expected = only["linear"].encoded(only["linear"].stack[0])
-    assert np.abs(pixels(content["methods"][0]["planes"][4]) - expected).mean() < 0.01
-
-
-def test_the_coding_has_the_fewest_bytes_that_do(monkeypatch):
-    shown = cases.methods()["linear"]
-    view = shown.encoded(shown.field.views[2, 2])
-    sizes, errors = {}, {}
-    for suffix, qualities in view_page.QUALITIES.items():
-        for quality in qualities:
-            coding = view_page.Coding(suffix, quality)
-            file, read = coding.coded(view)
-            sizes[coding], errors[coding] = len(file), -10 * np.log10(np.square(read / 255 - view).mean())
-    for least in (30.0, 38.5, 42.0):
-        monkeypatch.setattr(view_page, "LEAST_DB", least)
-        chosen = view_page._coding(shown)
-        assert errors[chosen] >= least
-        assert sizes[chosen] == min(sizes[coding] for coding, decibels in errors.items() if decibels >= least)
-    monkeypatch.setattr(view_page, "LEAST_DB", 90.0)
-    assert errors[view_page._coding(shown)] == max(errors.values())
+    assert np.abs(cases.pixels(content["methods"][0]["planes"][4]) - expected).mean() < 0.01
 
 
 def test_it_starts_at_the_textured_near_thing_in_the_middle(content):
@@ -159,8 +154,8 @@ def test_what_few_views_see_is_cropped_away_and_samples_keep_their_weights():
     assert 0 < left <= view_page.MOST_CROPPED
     masks = content["views"]["masks"]
     assert len(masks) == 25
-    assert np.abs(pixels(masks[3], "png").squeeze() - field.weight[0, 3, 0].numpy()).max() < 0.01
-    view = pixels(content["views"]["pictures"][0])
+    assert np.abs(cases.pixels(masks[3], "png").squeeze() - field.weight[0, 3, 0].numpy()).max() < 0.01
+    view = cases.views(content)[0]
     assert view[2, 2].mean() > 0.2, "beside samples without weight there is no black"
 
 

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lfref.viewer
+from lfref.viewer.coding import Prediction
 
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="needs node")
 SOURCE = Path(lfref.viewer.__file__).parent / "geometry.js"
@@ -199,3 +200,25 @@ def test_addresses_are_short():
         )
         == "f=-.71&x=.2&a=4"
     )
+
+
+@pytest.mark.parametrize(("size", "camera", "own"), [((24, 30), (2, -3), (0, 0)), ((48, 60), (-1.5, 0.5), (0.5, 0.5))])
+def test_a_view_is_restored_as_it_is_predicted(size, camera, own):
+    random = np.random.default_rng(0)
+    reference, difference = (random.integers(0, 256, (24, 30, 4), np.uint8) for _ in range(2))
+    disparity = random.uniform(-1.3, 1.1, size)
+    restored = computed(
+        "(() => { const view = Uint8ClampedArray.from(difference); addPrediction(view, { pixels: reference, size: [30, "
+        "24], camera: own }, camera, { values: Float32Array.from(disparity), size: across }); return [...view]; })()",
+        difference=difference.ravel().tolist(),
+        reference=reference.ravel().tolist(),
+        disparity=disparity.ravel().tolist(),
+        across=size[::-1],
+        camera=camera,
+        own=own,
+    )
+    predicted = 255 * Prediction(reference[..., :3] / 255, own, disparity).view(camera)
+    expected = (predicted + difference[..., :3] - 128).clip(0, 255)
+    error = np.abs(np.reshape(restored, (24, 30, 4))[..., :3] - expected).max(-1)
+    # Rounding may choose the neighbour of a pixel of the map.
+    assert (error > 0.51).mean() < 0.005

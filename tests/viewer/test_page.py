@@ -164,6 +164,21 @@ def test_a_pinhole_shows_a_view_from_any_viewpoint(opened):
         assert float(psnr(inner(shown), inner(field.views[view].double()))) > 35
 
 
+@pytest.mark.parametrize("fragment", ["", "#plain"])
+def test_views_are_restored_from_their_differences(opened, fragment):
+    tab = opened(fragment)
+    content = view_page.page_content(cases.methods())
+    for k in (0, 7, content["views"]["reference"], 24):
+        x, y = content["views"]["cameras"][k]
+        view = torch.from_numpy(cases.views(content)[k]).permute(2, 0, 1)
+        if fragment:  # at half the resolution, of samples that were averaged as they are encoded
+            view = torch.nn.functional.avg_pool2d(view, 2)
+        expected = torch.where(view <= 0.04045, view / 12.92, ((view + 0.055) / 1.055) ** 2.4)
+        difference = inner(pixels(tab, slope=0, aperture=0, x=x, y=y) - expected).abs()
+        assert float(difference.median()) < 0.005
+        assert float(difference.square().mean().sqrt()) < 0.01
+
+
 def test_without_webgl_the_processor_sums_the_views(opened):
     tab = opened("#plain")
     assert tab.get_attribute("#live", "data-by") == "canvas"
