@@ -21,7 +21,11 @@ from lfref.cli import train
 from lfref.report import tables
 
 RUN = markers.ROOT / "runs" / "figures" / "training_speed"
-NETWORKS = ("refnet_small", "refnet_narrow", "refnet_shuffled")
+NETWORKS = {
+    "cpu": ("refnet_small", "refnet_narrow", "refnet_shuffled"),
+    "cuda": ("refnet", "refnet_narrow", "refnet_shuffled"),
+}
+"""By the device: a processor takes minutes for a step of the whole RefNet."""
 PLAIN = "as it is"
 OPTIONS: dict[str, tuple[str, ...]] = {
     PLAIN: (),
@@ -31,7 +35,9 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     "`trainer.precision=bf16-mixed`": ("trainer.precision=bf16-mixed",),
     "bf16-mixed and both": ("trainer.precision=bf16-mixed", "channels_last=true", "compile=true"),
 }
-BATCH, PATCH, ROUNDS = 4, 64, 12
+BATCH, ROUNDS = 4, 12
+PATCH = {"cpu": 64, "cuda": 192}
+"""Height and width of the crops in pixels, by the device; the paper's on a GPU."""
 
 
 def step(overrides: Sequence[str], device: torch.device) -> Callable[[], None]:
@@ -39,8 +45,9 @@ def step(overrides: Sequence[str], device: torch.device) -> Callable[[], None]:
     config = compose("train", list(overrides))
     module = train.build_module(config, configs.build(config.data)).to(device)
     optimizer = module.configure_optimizers()["optimizer"]
-    views = torch.rand(BATCH, 7, 7, 3, PATCH, PATCH, device=device)
-    labels = torch.rand(BATCH, len(module.planes), 3, PATCH, PATCH, device=device)
+    patch = PATCH[device.type]
+    views = torch.rand(BATCH, 7, 7, 3, patch, patch, device=device)
+    labels = torch.rand(BATCH, len(module.planes), 3, patch, patch, device=device)
     is_half = "bf16" in str(config.trainer.precision)
 
     def run() -> None:
@@ -56,11 +63,12 @@ def step(overrides: Sequence[str], device: torch.device) -> Callable[[], None]:
 def measure(device: torch.device) -> pd.DataFrame:
     """Median seconds of a step, and those of the first one, which compiles."""
     # All networks share the code of their class, of which PyTorch compiles 8 variants and then silently stops.
-    torch._dynamo.config.recompile_limit = len(NETWORKS) * len(OPTIONS) + 8
+    networks = NETWORKS[device.type]
+    torch._dynamo.config.recompile_limit = len(networks) * len(OPTIONS) + 8
     rows = []
     torch._inductor.config.force_disable_caches = True  # else a second run would compile nothing
     with initialize_config_dir(str(configs.directory()), version_base="1.3"):
-        for network in NETWORKS:
+        for network in networks:
             steps = {name: step([f"net={network}", *words], device) for name, words in OPTIONS.items()}
             first_s = {name: timing.seconds(run, device) for name, run in steps.items()}
             watches = {name: functools.partial(timing.seconds, run, device) for name, run in steps.items()}
@@ -75,19 +83,21 @@ def table() -> Iterator[str]:
     """Steps of each network relative to the plain one, measured in the same turns."""
     rows = tables.read_table(RUN / "steps.csv")
     facts = json.loads((RUN / "machine.json").read_text())
+    device = rows["device"].iloc[0]
+    networks = list(NETWORKS[device])
     steps = rows.pivot(index="options", columns="network", values="step_s")
-    yield f"| time of a step | {' | '.join(f'`net={name}`' for name in NETWORKS)} | first step, s |"
-    yield f"|---|{'---|' * (len(NETWORKS) + 1)}"
-    for options, row in steps.loc[list(OPTIONS), list(NETWORKS)].iterrows():
+    yield f"| time of a step | {' | '.join(f'`net={name}`' for name in networks)} | first step, s |"
+    yield f"|---|{'---|' * (len(networks) + 1)}"
+    for options, row in steps.loc[list(OPTIONS), networks].iterrows():
         if options == PLAIN:
             cells = [f"{seconds:.2f} s" for seconds in row]
         else:
-            cells = [f"{ratio:.2f} x" for ratio in row / steps.loc[PLAIN, list(NETWORKS)]]
+            cells = [f"{ratio:.2f} x" for ratio in row / steps.loc[PLAIN, networks]]
         first_s = rows.loc[rows["options"] == options, "first_s"].max()
         yield f"| {options} | {' | '.join(cells)} | {first_s:.0f} |"
     yield ""
-    yield f"Loss, gradients and optimiser on {BATCH} crops of {PATCH} pixels of 7x7 views, the paper's planes, median"
-    yield f"of {ROUNDS} rounds taken in turns. Device: {rows['device'].iloc[0]}, {facts['threads']} threads,"
+    yield f"Loss, gradients and optimiser on {BATCH} crops of {PATCH[device]} pixels of 7x7 views, the paper's planes, median"
+    yield f"of {ROUNDS} rounds taken in turns. Device: {device}, {facts['threads']} threads,"
     yield f"{facts['processor']}, torch {facts['torch']}. `python docs/training_speed.py`, on a GPU if there is one"
 
 

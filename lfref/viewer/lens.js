@@ -151,8 +151,8 @@ function glLens(canvas, images, masks) {
     }
     return at;
   };
-  const disparities = textureOf(gl.TEXTURE_2D, gl.NEAREST);
-  gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, WIDTH, HEIGHT, 0, gl.RED, gl.FLOAT, DISPARITIES);
+  const known = textureOf(gl.TEXTURE_2D, gl.NEAREST);
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, WIDTH, HEIGHT, 0, gl.RED, gl.FLOAT, disparities());
   const quad = (/** @type {WebGLFramebuffer | null} */ frame, /** @type {number} */ across, /** @type {number} */ down) => {
     gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
     gl.viewport(0, 0, across, down);
@@ -168,7 +168,7 @@ function glLens(canvas, images, masks) {
     gl.useProgram(program);
     gl.uniform1i(uniform("reference"), predictor);
     gl.uniform1i(uniform("difference"), difference);
-    gl.uniform1i(uniform("disparities"), disparities);
+    gl.uniform1i(uniform("disparities"), known);
     gl.uniform2f(uniform("size"), WIDTH, HEIGHT);
     gl.uniform2fv(uniform("from"), content.views.cameras[reference]);
     images.forEach((image, k) => {
@@ -229,7 +229,7 @@ function glLens(canvas, images, masks) {
       quad(summed.frame, across, down);
       gl.useProgram(box.program);
       scene(box, lens);
-      gl.uniform1i(box.at("disparities"), disparities);
+      gl.uniform1i(box.at("disparities"), known);
       gl.uniform2f(box.at("viewpoint"), lens.x, lens.y);
       gl.uniform2i(box.at("pixels"), across, down);
       gl.uniform1f(box.at("cell"), Math.min(1, fittingAperture(lens, REACH)));
@@ -276,14 +276,17 @@ function* wholeViews(images) {
     drawing.drawImage(image, 0, 0);
     return drawing.getImageData(0, 0, width, height);
   };
-  const from = reference === null ? null : { pixels: pixelsOf(images[reference]).data, size: /** @type {Point} */ ([width, height]), camera: cameras[reference] };
+  if (reference === null) return yield* images;
+  const from = { pixels: pixelsOf(images[reference]).data, size: /** @type {Point} */ ([width, height]), camera: cameras[reference] };
+  const known = { values: disparities(), size: /** @type {Point} */ ([WIDTH, HEIGHT]) };
   for (const [k, image] of images.entries()) {
-    if (from && k !== reference) {
+    if (k === reference) yield image;
+    else {
       const view = pixelsOf(image);
-      addPrediction(view.data, from, cameras[k], { values: DISPARITIES, size: [WIDTH, HEIGHT] });
+      addPrediction(view.data, from, cameras[k], known);
       drawing.putImageData(view, 0, 0);
+      yield canvas;
     }
-    yield from && k !== reference ? canvas : image;
   }
 }
 

@@ -36,7 +36,13 @@ function disparityOf(pixel) {
   return content.depth.low + (depth.steps[pixel] / 65535) * (content.depth.high - content.depth.low);
 }
 
-const DISPARITIES = Float32Array.from({ length: WIDTH * HEIGHT }, (_, pixel) => disparityOf(pixel));
+/** Disparity of every pixel. */
+function disparities() {
+  const scale = (content.depth.high - content.depth.low) / 65535;
+  const values = new Float32Array(WIDTH * HEIGHT);
+  for (let pixel = 0; pixel < values.length; pixel++) values[pixel] = content.depth.low + scale * depth.steps[pixel];
+  return values;
+}
 
 /** Index of the pixel at a point of the picture. @param {Point} at */
 function pixelAt([x, y]) {
