@@ -96,8 +96,8 @@ def table() -> Iterator[str]:
         first_s = rows.loc[rows["options"] == options, "first_s"].max()
         yield f"| {options} | {' | '.join(cells)} | {first_s:.0f} |"
     yield ""
-    yield f"Loss, gradients and optimiser on {BATCH} crops of {PATCH[device]} pixels of 7x7 views, the paper's planes, median"
-    yield f"of {ROUNDS} rounds taken in turns. Device: {device}, {facts['threads']} threads,"
+    yield f"Loss, gradients and optimiser on {BATCH} crops of {PATCH[device]} pixels of 7x7 views, the paper's planes,"
+    yield f"median of {ROUNDS} rounds taken in turns. Device: {device}, {facts['threads']} threads,"
     yield f"{facts['processor']}, torch {facts['torch']}. `python docs/training_speed.py`, on a GPU if there is one"
 
 
