@@ -269,10 +269,12 @@ def _coded_views(
     least = coding.smallest(shown(far), prediction.view(cameras[far]))
     if far == reference or len(least.file) >= len(plain.file):
         return None, [coding.at_least(coding.LEAST_DB, shown(k), first).uri for k in range(len(cameras))]
-    return reference, [
-        whole.uri if k == reference else coding.at_least(coding.LEAST_DB, shown(k), least.coding, prediction.view(camera)).uri
+    pictures = [
+        coding.at_least(coding.LEAST_DB, shown(k), least.coding, prediction.view(camera)).uri
         for k, camera in enumerate(cameras)
     ]
+    pictures[reference] = whole.uri
+    return reference, pictures
 
 
 def _base64(content: bytes) -> str:
