@@ -72,8 +72,8 @@ class Prediction(NamedTuple):
         y, x = np.meshgrid((np.arange(height) + 0.5) / height, (np.arange(width) + 0.5) / width, indexing="ij")
         at = place = np.stack([x, y], -1).astype(np.float32)
         for _ in range(STEPS):
-            place = at - self._disparity(place) * (np.float32(camera) / size)
-        place = place + self._disparity(place) * (np.float32(self.camera) / size)
+            place = at - self._disparity(place) * (np.array(camera, np.float32) / size)
+        place = place + self._disparity(place) * (np.array(self.camera, np.float32) / size)
         picture = torch.from_numpy(np.moveaxis(self.reference, -1, 0).astype(np.float32))
         grid = torch.from_numpy(2 * place - 1)
         sampled = F.grid_sample(picture[None], grid[None], padding_mode="border", align_corners=False)
@@ -82,7 +82,7 @@ class Prediction(NamedTuple):
     def _disparity(self, place: NDArray[np.float32]) -> NDArray[np.float32]:
         """At points (x, y) of the central view, shares of its sides, [H, W, 1]."""
         height, width = self.disparity.shape
-        column, row = np.moveaxis(np.floor(place * np.float32((width, height))).astype(int), -1, 0)
+        column, row = np.moveaxis(np.floor(place * np.array((width, height), np.float32)).astype(int), -1, 0)
         return self.disparity.astype(np.float32)[row.clip(0, height - 1), column.clip(0, width - 1), None]
 
 
