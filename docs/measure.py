@@ -14,6 +14,7 @@ import against_mitsuba
 import browsing
 import busy
 import exported
+import full_size
 import hard_cases
 import learned
 import maps
@@ -73,6 +74,20 @@ def bench() -> Iterator[str]:
     yield f"{facts['views']}, NumPy's FFT {rows['median_s'].iloc[0]:.2f} s;"
     yield f"{facts['processor']}, {facts['threads']} threads, torch {facts['torch']}, NumPy {facts['numpy']},"
     yield f"{facts['repeats']} rounds."
+
+
+def gpu_times() -> Iterator[str]:
+    """Time of every operator setting on a GPU, from the table of `make gpu`."""
+    folder = ROOT / "runs" / "gpu" / "bench_front"
+    facts = json.loads((folder / "machine.json").read_text())
+    rows = tables.read_table(folder / "bench.csv").drop_duplicates("method")
+    yield "| method | median, ms | p10 to p90, ms |"
+    yield "|---|---|---|"
+    for row in rows[rows["reference"].notna()].itertuples():
+        yield f"| {row.method} | {1e3 * row.median_s:.1f} | {1e3 * row.p10_s:.1f} to {1e3 * row.p90_s:.1f} |"
+    yield ""
+    yield f"A light field of {facts['views']}, {facts['planes']} planes, float32, {facts['repeats']} rounds;"
+    yield f"{facts['device']}, torch {facts['torch']}, {facts['processor']}, {facts['threads']} threads."
 
 
 def corrections() -> Iterator[str]:
@@ -194,6 +209,7 @@ def patch_labels() -> Iterator[str]:
 
 FIGURES = {
     "bench": bench,
+    "gpu_times": gpu_times,
     "corrected": corrections,
     "causes": causes,
     "wide": wide,
@@ -211,6 +227,7 @@ FIGURES = {
     **prepared.TABLES,
     **runtimes.TABLES,
     **exported.TABLES,
+    **full_size.TABLES,
     **scale.TABLES,
     **scene_costs.TABLES,
     **training_speed.TABLES,

@@ -1,7 +1,7 @@
 """What options of `lfref train` do to the time of a step: precision, memory layout, compiling.
 
-`python docs/training_speed.py` takes turns with the options, and leaves `runs/figures/training_speed/steps.csv`, from
-which `docs/measure.py training_speed` makes the table of the page on scaling.
+`python docs/training_speed.py` takes turns with the options, on a GPU if there is one, and leaves tables in
+`runs/figures/training_speed`. `docs/measure.py training_speed training_speed_gpu` puts them into the page on scaling.
 """
 
 import functools
@@ -23,7 +23,7 @@ from lfref.report import tables
 RUN = markers.ROOT / "runs" / "figures" / "training_speed"
 NETWORKS = {
     "cpu": ("refnet_small", "refnet_narrow", "refnet_shuffled"),
-    "cuda": ("refnet", "refnet_narrow", "refnet_shuffled"),
+    "cuda": ("refnet",),
 }
 """By the device: a processor takes minutes for a step of the whole RefNet."""
 PLAIN = "as it is"
@@ -79,38 +79,40 @@ def measure(device: torch.device) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def table() -> Iterator[str]:
-    """Steps of each network relative to the plain one, measured in the same turns."""
-    rows = tables.read_table(RUN / "steps.csv")
-    facts = json.loads((RUN / "machine.json").read_text())
-    device = rows["device"].iloc[0]
+def table(device: str) -> Iterator[str]:
+    """Steps of each network on the `cpu` or `cuda` relative to the plain one, measured in the same turns."""
+    rows = tables.read_table(RUN / f"{device}.csv")
+    facts = json.loads((RUN / f"{device}.json").read_text())
     networks = list(NETWORKS[device])
     steps = rows.pivot(index="options", columns="network", values="step_s")
     yield f"| time of a step | {' | '.join(f'`net={name}`' for name in networks)} | first step, s |"
     yield f"|---|{'---|' * (len(networks) + 1)}"
     for options, row in steps.loc[list(OPTIONS), networks].iterrows():
         if options == PLAIN:
-            cells = [f"{seconds:.2f} s" for seconds in row]
+            cells = [f"{seconds:.2g} s" for seconds in row]
         else:
             cells = [f"{ratio:.2f} x" for ratio in row / steps.loc[PLAIN, networks]]
         first_s = rows.loc[rows["options"] == options, "first_s"].max()
         yield f"| {options} | {' | '.join(cells)} | {first_s:.0f} |"
     yield ""
     yield f"Loss, gradients and optimiser on {BATCH} crops of {PATCH[device]} pixels of 7x7 views, the paper's planes,"
-    yield f"median of {ROUNDS} rounds taken in turns. Device: {device}, {facts['threads']} threads,"
-    yield f"{facts['processor']}, torch {facts['torch']}. `python docs/training_speed.py`, on a GPU if there is one"
+    yield f"median of {ROUNDS} rounds taken in turns; {facts['device']}, torch {facts['torch']},"
+    yield f"{facts['processor']}, {facts['threads']} threads."
 
 
-TABLES = {"training_speed": table}
+TABLES = {
+    "training_speed": functools.partial(table, "cpu"),
+    "training_speed_gpu": functools.partial(table, "cuda"),
+}
 
 
 def main() -> None:
-    """Measure on a GPU if there is one."""
+    """Measure the steps, and keep them with what is known of the machine."""
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     rows = measure(device)
     RUN.mkdir(parents=True, exist_ok=True)
-    tables.write_table(RUN / "steps.csv", rows)
-    (RUN / "machine.json").write_text(json.dumps(timing.facts(device)))
+    tables.write_table(RUN / f"{device.type}.csv", rows)
+    (RUN / f"{device.type}.json").write_text(json.dumps(timing.facts(device)))
 
 
 if __name__ == "__main__":
