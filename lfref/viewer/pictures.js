@@ -8,7 +8,11 @@ const decoded = new Map();
 
 /** @param {string} text */
 function bytes(text) {
-  return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  const letters = atob(text);
+  const values = new Uint8Array(letters.length);
+  // `Uint8Array.from` would call a function for each byte, which takes twenty times as long.
+  for (let k = 0; k < values.length; k++) values[k] = letters.charCodeAt(k);
+  return values;
 }
 
 /** @param {string} uri */
