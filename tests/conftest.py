@@ -1,7 +1,8 @@
-"""Shared by all tests: a fixed seed, which tests this machine skips, and where the real capture lies."""
+"""Shared by all tests: a fixed seed, which tests this machine skips, a browser, and where the real capture lies."""
 
 import importlib.util
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -33,6 +34,20 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture(autouse=True)
 def fixed_seed():
     torch.manual_seed(0)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, with graphics by the processor: test machines have no other; skips where it is not installed."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if path is None:
+        pytest.skip("no Chromium is installed")
+    software = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=path, args=software)
+        yield chromium
+        chromium.close()
 
 
 @pytest.fixture

@@ -1,26 +1,13 @@
 """The page in a browser: everybody can read it, on a telephone and a wide screen, by light and dark, by keyboard."""
 
-import shutil
-
 import pandas as pd
 import pytest
 
 from lfref.report import drawing, page
 from lfref.report.page import Section
 
-playwright = pytest.importorskip("playwright.sync_api")
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
 WIDTHS = (390, 1280, 2560)
 ANSWER = "On 30 scenes (ideal), learned is 1.2 dB better than the best classical method, occlusion_aware."
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as started:
-        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import shutil
 
 import numpy as np
 import pytest
@@ -15,22 +14,9 @@ from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
 from tests.viewer import cases
 
-playwright = pytest.importorskip("playwright.sync_api")
 Image = pytest.importorskip("PIL.Image")
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
-SOFTWARE = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-"""Graphics by the processor: test machines have no other."""
 WIDE = {"viewport": {"width": 1280, "height": 900}, "reduced_motion": "reduce"}
 FAR, NEAR = cases.FAR, cases.NEAR
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as started:
-        chromium = started.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")
