@@ -139,7 +139,7 @@ def steps(size: Size, epochs: int) -> Iterator[Step]:
             "scheduler=cosine",
             *size.train,
             f"trainer.max_epochs={n_epochs}",
-            "+trainer.check_val_every_n_epoch=4",
+            f"+trainer.check_val_every_n_epoch={min(4, n_epochs)}",
         )
         yield Step(f"train_{name}", (*LFREF, "train", *words, "resume=auto"))
     yield Step("full_size", (sys.executable, str(markers.ROOT / "docs" / "full_size.py"), "--to", str(size.results)))
