@@ -63,6 +63,7 @@ figures: $(VENV)/checks
 	$(BIN)/python docs/prepared.py
 	$(BIN)/python docs/exported.py
 	$(BIN)/python docs/browsing.py
+	$(BIN)/python docs/training_speed.py
 	$(BIN)/python docs/living.py --film
 	$(BIN)/python docs/measure.py
 	$(BIN)/python docs/pictures.py

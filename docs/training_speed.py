@@ -101,8 +101,9 @@ def table(device: str) -> Iterator[str]:
 
 
 TABLES = {
-    "training_speed": functools.partial(table, "cpu"),
-    "training_speed_gpu": functools.partial(table, "cuda"),
+    name: functools.partial(table, device)
+    for name, device in (("training_speed", "cpu"), ("training_speed_gpu", "cuda"))
+    if (RUN / f"{device}.json").is_file()
 }
 
 
