@@ -2,19 +2,24 @@
 // is wider than the page can be focused, to scroll it by keys, and buttons of code are no landmark each.
 const WIDE = ".md-typeset__scrollwrap, .md-typeset pre > code";
 
-function amend() {
-  for (const wide of document.querySelectorAll(WIDE)) wide.tabIndex = wide.scrollWidth > wide.clientWidth ? 0 : -1;
-  for (const buttons of document.querySelectorAll(".md-code__nav")) buttons.setAttribute("role", "none");
+function amendButtons() {
+  for (const buttons of document.querySelectorAll(".md-code__nav:not([role])")) buttons.setAttribute("role", "none");
 }
 
-// The script adds them when they scroll into view, so each change of the page is looked at, once before it is drawn.
+// Widths take a layout, and are read once before the page is drawn.
 let pending = 0;
-function later() {
+function amendWidths() {
   pending ||= requestAnimationFrame(() => {
     pending = 0;
-    amend();
+    for (const wide of document.querySelectorAll(WIDE)) wide.tabIndex = wide.scrollWidth > wide.clientWidth ? 0 : -1;
   });
 }
-new MutationObserver(later).observe(document.body, { childList: true, subtree: true });
-addEventListener("resize", later);
-later();
+
+// The theme's script adds buttons when their code scrolls into view, so each change of the page is looked at.
+new MutationObserver(() => {
+  amendButtons();
+  amendWidths();
+}).observe(document.body, { childList: true, subtree: true });
+addEventListener("resize", amendWidths);
+amendButtons();
+amendWidths();
