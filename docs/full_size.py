@@ -21,6 +21,7 @@ from lfref.bench.evaluation import TRUTH
 from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.refocuser.load import load
+from lfref.report import tables
 from lfref.simulator import sim30
 
 RESULTS = markers.ROOT / "docs" / "full_size.csv"
@@ -63,11 +64,11 @@ def measure(folders: list[Path], device: torch.device) -> pd.DataFrame:
 
 def table() -> Iterator[str]:
     """Each network by its labels and by the truth."""
-    rows = pd.read_csv(RESULTS)
+    rows = tables.read_table(RESULTS)
     yield from paper_tables.head(
         "labels", "steps", "minutes", "by its labels, dB", "by truth, dB", "alpha .125", "alpha 1", "alpha 2", "Delta E"
     )
-    for (label, steps), own in rows.groupby(["label", "steps"]):
+    for (label, steps, _), own in rows.groupby(["label", "steps", "method"]):
         by = dict(iter(own.groupby("reference")))
         planes = by[TRUTH].set_index("alpha")["psnr_db"]
         cells = [
@@ -98,7 +99,7 @@ def main() -> None:
     if not folders:
         raise SystemExit(f"no networks in {options.runs}: make gpu trains them")
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    measure(folders, device).round(6).to_csv(options.to, index=False)
+    tables.write_table(options.to, measure(folders, device).round(6))
 
 
 if __name__ == "__main__":

@@ -101,7 +101,7 @@ def test_search_finds_what_people_type(opened, served, word, page):
     tab.click(".md-search__input")
     tab.locator(".md-search__input").press_sequentially(word)
     # Results follow the letters with a delay; what is not found fails after half a minute.
-    tab.wait_for_function(IS_AMONG_FIRST, arg=served + page)
+    assert tab.wait_for_function(IS_AMONG_FIRST, arg=served + page).json_value()
 
 
 def test_a_click_refocuses_the_picture_that_opens_the_site(opened):
