@@ -4,6 +4,7 @@ import functools
 import itertools
 import logging
 import math
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -14,13 +15,14 @@ from typing import TYPE_CHECKING, TypeVar
 import hydra
 import torch
 from hydra.core.hydra_config import HydraConfig
+from hydra.errors import CompactHydraException
 from omegaconf import DictConfig, open_dict
 
 from lfref.cli import composition, parts, resume
 from lfref.cli import config as configs
 from lfref.cli.exit_codes import exit_line_on_signals, fail, patient_pipes
 from lfref.cli.run_folder import is_first_process, marked
-from lfref.errors import InputError, LfrefError
+from lfref.errors import InputError, LfrefError, first_line
 from lfref.io import run as runs
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ Result = Callable[[DictConfig, Path], float | None]
 Item = TypeVar("Item")
 
 log = logging.getLogger("lfref")
+FULL_ERROR = "HYDRA_FULL_ERROR"
+"""Environment variable that lets Hydra raise errors."""
 
 
 def command(
@@ -83,11 +87,32 @@ def command(
             # Of a distributed training, the first process prints the line.
             with patient_pipes(), exit_line_on_signals(name if is_first_process() else None):
                 sys.argv[1:] = composition.check_line(name, expand(sys.argv[1:]))
-                run_hydra()  # composes the configuration and calls `run_task`, for each job of a sweep
+                with _launcher_errors(name) if {"--multirun", "-m"} & set(sys.argv) else nullcontext():
+                    run_hydra()  # composes the configuration and calls `run_task`, for each job of a sweep
         except LfrefError as error:
             fail(name, error, status=2)
 
     return main
+
+
+@contextmanager
+def _launcher_errors(name: str) -> Iterator[None]:
+    """Print errors of a sweep's launcher, such as a scheduler that refuses a job, in one line, and exit."""
+    if FULL_ERROR in os.environ:
+        yield
+        return
+    os.environ[FULL_ERROR] = "1"  # or Hydra would print a traceback
+    try:
+        yield
+    except CompactHydraException as error:
+        fail(name, error)
+    except Exception as error:  # jobs that fail do not get here
+        expected = "the launcher of a sweep must start each job, and get its result"
+        got = f"{type(error).__name__}: {first_line(error)}"
+        remedy = "look at the scheduler and its logs; the same command with the same output goes on"
+        fail(name, LfrefError(expected, got=got, remedy=remedy))
+    finally:
+        del os.environ[FULL_ERROR]
 
 
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
@@ -156,6 +181,7 @@ def quiet_libraries() -> None:
         ".*number of training batches.*",
         "Checkpoint directory .* exists and is not empty.*",
         "The dirpath has changed from .*",
+        "The `srun` command is available on your system but is not used.*",
     ):
         warnings.filterwarnings("ignore", message=message)
 

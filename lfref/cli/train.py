@@ -11,6 +11,7 @@ import torch
 import wandb
 from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch import Callback, LightningDataModule, Trainer, seed_everything
+from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
 from omegaconf import DictConfig
 
 from lfref.bench import timing
@@ -157,7 +158,10 @@ def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
     callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, *_trial_reports(), record, stopping]
     logger = loggers.started(config, "train", compared_by=(MPSNR_OF_STACK, MSSIM_OF_STACK))
     devices = _devices(configs.plain(config.trainer))
-    plugins = [AtomicCheckpointIO()]
+    plugins: list[Any] = [AtomicCheckpointIO()]
+    if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
+        # Lightning would answer a signal by a checkpoint of its own, which `resume=auto` does not know.
+        plugins.append(SLURMEnvironment(auto_requeue=False))
     return configs.build(config.trainer, callbacks=callbacks, logger=logger, plugins=plugins, devices=devices)
 
 

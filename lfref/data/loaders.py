@@ -5,6 +5,7 @@ Items are keyed by (epoch, index): a batch is the same whoever prepares it, and 
 
 import itertools
 import math
+import multiprocessing.util
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -187,8 +188,28 @@ def epoch_loader(
         collate_fn=collate,
         num_workers=n_processes,
         persistent_workers=n_processes > 0,
+        worker_init_fn=_ignore_signals,
         timeout=timeout if n_processes else 0,
         n_threads=n_workers - n_processes,
         patience_s=timeout,
         pin_memory=is_on_gpu(trainer),
     )
+
+
+def _ignore_signals(worker: int) -> None:
+    """Let a worker process ignore SIGINT and SIGTERM, which terminals and SLURM send to all processes of a job.
+
+    The training ends its step before it stops, and needs the batches for it.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _kill_workers() -> None:
+    """Kill the workers that are left when the training exits: Python would ask them by SIGTERM, and wait for ever."""
+    for process in multiprocessing.active_children():
+        if process.daemon:
+            process.kill()
+
+
+multiprocessing.util.Finalize(None, _kill_workers, exitpriority=0)

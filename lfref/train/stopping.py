@@ -71,11 +71,12 @@ class Stopping(Callback):
     @contextmanager
     def listening(self, trainer: Trainer) -> Iterator[None]:
         """Handle signals while the trainer runs; a training in one process keeps the handlers that it has."""
+        # Private, but without this line Lightning's handler of SIGTERM starts a broadcast under DDP, and elsewhere ends
+        # the process with status 0, even where a launcher lets the job go on until it is queued again.
+        trainer._signal_connector._sigterm_notifier_fn = lambda *_: None  # type: ignore[method-assign]
         if trainer.world_size == 1:
             yield
             return
-        # Private, but without this line every SIGTERM under DDP starts a broadcast inside the handler.
-        trainer._signal_connector._sigterm_notifier_fn = lambda *_: None  # type: ignore[method-assign]
         self._trainer = trainer
         self._previous = {number: signal.getsignal(number) for number in SIGNALS}
         self._owner = os.getpid()
@@ -124,7 +125,7 @@ class Stopping(Callback):
             self._take_over_processes()
         # After the last batch, validation is due. A resumed training would leave it out, so it repeats the epoch.
         if not trainer.fit_loop.epoch_loop.batch_progress.is_last_batch:
-            trainer.save_checkpoint(self.path)
+            trainer.save_checkpoint(self.path, weights_only=False)
             self._saved = time.monotonic()
         if latest != SAVE:
             self._stop(latest)

@@ -9,6 +9,7 @@ import sys
 import pytest
 import torch
 from hydra._internal.core_plugins import basic_launcher
+from hydra.core.plugins import Plugins
 
 from lfref.io import run as runs
 from lfref.io.run import Run
@@ -53,6 +54,7 @@ def test_a_member_that_fails_is_named_at_the_end_and_the_rest_runs(lfref, tmp_pa
 
 @pytest.mark.slow
 def test_jobs_return_their_best_validation_also_when_they_are_finished(lfref, tmp_path, monkeypatch, fits):
+    Plugins.instance()  # Hydra runs the modules of its plugins again when it first looks for them
     returned, run_job = [], basic_launcher.run_job
 
     def watch(**arguments):
@@ -129,3 +131,13 @@ def test_other_members_in_the_folder_of_a_sweep_are_refused_and_kept(lfref, tmp_
     assert "must have the same jobs in the same order; got another run in" in error
     assert fits == [(0.01, 0), (0.02, 0), (0.02, 0)]
     assert "optimizer.lr=0.01" in Run(tmp_path / "sweep" / "0").overrides
+
+
+def test_a_launcher_that_fails_is_one_line(lfref, tmp_path, monkeypatch):
+    pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
+    monkeypatch.setenv("PATH", str(tmp_path))  # no SLURM
+    status, error = lfref(*SWEEP, f"output={tmp_path}/sweep", "seed=1,2", "hydra/launcher=submitit_slurm")
+    assert status == 1
+    assert "Traceback" not in error
+    last = error.strip().splitlines()[-1]
+    assert last.startswith("lfref train: the launcher of a sweep must start each job, and get its result; got Runtime")

@@ -1,0 +1,176 @@
+"""Training under SLURM: a real scheduler with two nodes, both on this machine, whose jobs are preempted.
+
+Jobs of the partition `urgent` take the nodes from others, which get SIGTERM and, `GraceTime` later, SIGKILL.
+"""
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+import torch
+
+from tests.cli.conftest import TINY
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("slurmctld") is None, reason="SLURM (slurm-wlm) is not installed"),
+]
+DOCUMENTED = Path(__file__).parents[2] / "docs" / "scaling.md"
+TRAINING = (
+    *TINY, "data.n_fields=20", "trainer.max_epochs=500", "data.workers=1",
+    "callbacks.progress=null", "callbacks.summary=null", "callbacks.pictures=null",
+)  # fmt: skip
+LIMIT_S = 120
+CONFIGURATION = """
+ClusterName=test
+SlurmctldHost={host}(127.0.0.1)
+SlurmctldPort={ports[0]}
+SlurmUser={user}
+SlurmdUser={user}
+AuthType=auth/none
+CredType=cred/none
+SlurmctldPidFile={folder}/controller.pid
+SlurmdPidFile={folder}/%n.pid
+SlurmdSpoolDir={folder}/%n
+StateSaveLocation={folder}/state
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+SwitchType=switch/none
+MpiDefault=none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_CPU
+ReturnToService=2
+KillWait=2
+PreemptType=preempt/partition_prio
+PreemptMode=REQUEUE
+NodeName=node1 NodeHostname={host} NodeAddr=127.0.0.1 Port={ports[1]} CPUs=1
+NodeName=node2 NodeHostname={host} NodeAddr=127.0.0.1 Port={ports[2]} CPUs=1
+PartitionName=patient Nodes=ALL Default=YES PriorityTier=1 GraceTime=60
+PartitionName=hasty Nodes=ALL PriorityTier=1 GraceTime=1
+PartitionName=urgent Nodes=ALL PriorityTier=2 PreemptMode=OFF
+"""
+
+
+def run(*words: str) -> str:
+    """Output of a command of SLURM."""
+    return subprocess.run(words, check=True, text=True, capture_output=True, timeout=LIMIT_S).stdout
+
+
+def wait_until(holds, what, process=None) -> None:
+    start_s = time.monotonic()
+    while not holds():
+        assert time.monotonic() - start_s < LIMIT_S, what
+        assert process is None or process.poll() is None, process.stderr.read()
+        time.sleep(0.2)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """A scheduler and its nodes; commands of SLURM and their jobs find it by the environment."""
+    folder = tmp_path_factory.mktemp("slurm")
+    (folder / "state").mkdir()
+    with ExitStack() as sockets:
+        opened = [sockets.enter_context(socket.socket()) for _ in range(3)]
+        for each in opened:
+            each.bind(("127.0.0.1", 0))
+        ports = [each.getsockname()[1] for each in opened]
+    host, user = socket.gethostname().partition(".")[0], run("id", "-un").strip()
+    (folder / "slurm.conf").write_text(CONFIGURATION.format(host=host, user=user, folder=folder, ports=ports))
+    with pytest.MonkeyPatch.context() as patch, ExitStack() as processes:
+        patch.setenv("SLURM_CONF", str(folder / "slurm.conf"))
+        patch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+        patch.setenv("MASTER_ADDR", "127.0.0.1")  # no name server knows the nodes
+        for daemon in (["slurmctld", "-D", "-c"], *(["slurmd", "-D", "-N", node] for node in ("node1", "node2"))):
+            log = processes.enter_context((folder / f"{daemon[-1].strip('-')}.log").open("w"))
+            process = subprocess.Popen(daemon, stdout=log, stderr=log)
+            processes.callback(process.wait)
+            processes.callback(process.terminate)
+        wait_until(lambda: _states() == ["idle", "idle"], "both nodes must be idle")
+        yield
+        run("scancel", "--user", user)
+        wait_until(lambda: not run("squeue", "--noheader"), "all jobs must end")
+
+
+def _states() -> list[str]:
+    """State of both nodes, or nothing while the scheduler starts."""
+    nodes = ["sinfo", "--noheader", "--Node", "--partition=urgent", "--format=%t"]
+    return subprocess.run(nodes, text=True, capture_output=True).stdout.split()
+
+
+def submit(script: str, *options: str) -> str:
+    """Number of a job that is given to the scheduler."""
+    return subprocess.run(
+        ["sbatch", "--parsable", *options], input=script, check=True, text=True, capture_output=True
+    ).stdout.strip()
+
+
+def facts(job: str) -> str:
+    return run("scontrol", "show", "job", job)
+
+
+def preempt(job: str) -> None:
+    """Take the nodes from a job until it waits in the queue again, and let it start at once."""
+    urgent = submit("#!/bin/sh\nsleep 1\n", "--partition=urgent", "--nodes=2", "--output=/dev/null")
+    wait_until(lambda: "Restarts=1" in facts(job), "the job must be queued again")
+    wait_until(lambda: "JobState=COMPLETED" in facts(urgent), "the urgent job must end")
+    run("scontrol", "update", f"JobId={job}", "StartTime=now")
+
+
+def step_of(checkpoint: Path) -> int:
+    return int(torch.load(checkpoint, weights_only=True)["global_step"])
+
+
+def test_the_documented_job_is_preempted_and_goes_on_by_itself(cluster, tmp_path):
+    (script,) = re.findall(r"```\n(#!/bin/bash\n#SBATCH.*?)```", DOCUMENTED.read_text(), re.DOTALL)
+    last = tmp_path / "run" / "checkpoints" / "last.ckpt"
+    for documented, here in (
+        ("--ntasks-per-node=4 --gpus-per-node=4 --cpus-per-task=8", f"--ntasks-per-node=1 --output={tmp_path}/log"),
+        ("trainer=ddp", "trainer=ddp trainer.accelerator=cpu trainer.devices=1"),
+        ("/scratch/refnet", str(tmp_path / "run")),
+        ("experiment=paper_shift_and_sum data=folder data.path=/scratch/set", " ".join(TRAINING)),
+    ):
+        assert documented in script
+        script = script.replace(documented, here)
+    job = submit(script, "--open-mode=append")
+    wait_until(last.exists, f"a checkpoint must be written; {tmp_path}/log")
+    preempt(job)
+    text = (tmp_path / "log").read_text()
+    assert "lfref train: stopped by SIGTERM" in text, text
+    assert "Traceback" not in text, text
+    stopped = step_of(last)
+    wait_until(lambda: step_of(last) > stopped, "the training must go on from its checkpoint")
+    run("scancel", job)
+    log = (tmp_path / "run" / "log" / "metrics.csv").read_text()
+    epochs = [int(line.split(",")[0]) for line in log.splitlines()[1:] if line.split(",")[0]]
+    assert epochs == sorted(epochs)
+
+
+def test_members_of_a_sweep_are_preempted_and_the_sweep_gets_all_of_them(cluster, tmp_path):
+    pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
+    sweep = tmp_path / "sweep"
+    words = [
+        sys.executable, "-c", "from lfref.cli.main import main; main()", "train", "--multirun",
+        *TRAINING, "data.n_fields=6", "trainer.max_epochs=40", "net.n_blocks=1,-1", f"output={sweep}",
+        "hydra/launcher=submitit_slurm",
+        "hydra.launcher.partition=hasty", "hydra.launcher.timeout_min=20", "hydra.launcher.cpus_per_task=1",
+        "hydra.launcher.mem_gb=null",
+    ]  # fmt: skip
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    try:
+        wait_until((sweep / "0" / "checkpoints" / "last.ckpt").exists, "the member must start", process)
+        (folder,) = (sweep / ".submitit").glob("*_0")
+        preempt(folder.name)
+        errors = process.communicate(timeout=LIMIT_S)[1]
+    finally:
+        process.kill()
+    assert process.returncode == 1, errors
+    assert "one of the runs failed" in errors
+    assert "net.n_blocks=-1" in errors.splitlines()[-1]
+    assert torch.load(sweep / "0" / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == 39
