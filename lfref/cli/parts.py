@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from lfref import extensions
 from lfref.errors import InputError, LfrefError, first_line
 
-APERTURES = ("disc", "full", "gaussian", "mask", "polygon", "square")
+APERTURES = ("disc", "full", "gaussian", "mask", "picture", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
 CALLBACKS = ("BestCheckpoint", "HeadInitialization", "Pace", "StackPictures", "StepGuard")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")

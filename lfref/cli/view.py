@@ -19,18 +19,16 @@ from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import DisparityMap
 from lfref.refocuser.load import load
-from lfref.refocuser.refocuser import Refocuser, name_apart
+from lfref.refocuser.refocuser import Aperture, Refocuser, name_apart
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
-
-SHAPES = {"disc": "disc", "polygon": "hexagon"}
-"""Function of an aperture -> the shape of the page's lens that is nearest to it; of others, the square."""
 
 
 def view(config: DictConfig, folder: Path) -> None:
     """Write a page for each light field; several get a result folder each, and a gallery of the pages."""
     device, exposure = device_of(config.device), steps.exposure(config)
-    refocusers = [refocuser.to(device) for refocuser in _refocusers(config)]
+    aperture = configs.build(config.aperture)
+    refocusers = [refocuser.to(device) for refocuser in _refocusers(config, aperture)]
     configured_planes: Planes = configs.build(config.planes)
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
     white = steps.white_field(config, refocusers[0])
@@ -69,7 +67,7 @@ def view(config: DictConfig, folder: Path) -> None:
     def write_page(name: str, shown: dict[str, Refocused]) -> None:
         place = steps.result_folder(folder, name, fields[name], named) / "index.html"
         title = config.title or next(iter(shown.values())).field.name
-        content = view_page.page_content(shown, SHAPES.get(str(config.aperture._target_).rpartition(".")[2], "square"))
+        content = view_page.page_content(shown, _uneven(aperture, next(iter(shown.values())).field.grid))
         view_page.write(place, title, _facts(shown), content)
         first = content["methods"][0]["planes"][content["start"]["plane"]]
         gallery.append(view_page.GalleryEntry(name, place.relative_to(folder).as_posix(), first))
@@ -89,9 +87,14 @@ def view(config: DictConfig, folder: Path) -> None:
             log.info("open %s", folder / "index.html")
 
 
-def _refocusers(config: DictConfig) -> list[Refocuser]:
+def _uneven(aperture: Aperture, grid: tuple[int, int]) -> Tensor | None:
+    """The weights of an aperture; None if all views count alike, or if there is only one."""
+    weights = torch.ones(grid) if grid == (1, 1) else aperture(grid)
+    return None if bool((weights == weights.max()).all()) else weights
+
+
+def _refocusers(config: DictConfig, aperture: Aperture) -> list[Refocuser]:
     """The checkpoint, then the methods; equal names are numbered."""
-    aperture = configs.build(config.aperture)
     refocusers = [load(config.checkpoint)] if config.checkpoint is not None else []
     methods = [method for method in (config.methods or {}).values() if method is not None]
     refocusers += [configs.build(method, aperture=aperture) for method in methods]

@@ -64,6 +64,14 @@ class Cameras:
         size = None if whole is None else (int(whole[1]), int(whole[2]))
         return cls(focal_length / sensor, baseline / 1000, focus, size)
 
+    def focal_pixels(self, size: Sequence[int]) -> float:
+        """Focal length in pixels of maps of a size [H, W]."""
+        return self.focal_length * max(self.size or size)
+
+    def dioptres(self, size: Sequence[int]) -> tuple[float, float]:
+        """1 / depth in 1 / metres at disparity 0, and its growth per pixel of nearness, for maps of a size [H, W]."""
+        return 1 / self.focus, 1 / (self.baseline * self.focal_pixels(size))
+
 
 class Points(NamedTuple):
     """Points in space of some pixels of a map."""
@@ -98,8 +106,8 @@ def points(nearness: Tensor, chosen: Tensor, cameras: Cameras | None = None) -> 
         scale = RELIEF * min(height, width)
         unit = f"unit: pixel; z is {scale:g} times the nearness (disparity with the sign by which larger is nearer)"
         return Points(torch.stack([x, y, scale * near], -1)[pixels].float(), pixels, unit)
-    f = cameras.focal_length * max(height, width)
-    inverse = 1 / cameras.focus + near / (cameras.baseline * f)
+    f, (at_zero, growth) = cameras.focal_pixels(near.shape), cameras.dioptres(near.shape)
+    inverse = at_zero + growth * near
     pixels &= inverse * cameras.focus > 1 / FARTHEST
     depth = 1 / inverse
     return Points(torch.stack([x * depth / f, y * depth / f, -depth], -1)[pixels].float(), pixels, "unit: metre")

@@ -8,12 +8,14 @@ aperture beyond the grid are lost. Sizes that are not finite or not above 0 are 
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.io import images
 from lfref.refocus import batches
 
 
@@ -82,6 +84,41 @@ def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tenso
         raise InputError("a mask must be one list of numbers for each view row", got=repr(rows)) from error
     batches.checked_weights(weights, (grid[0], grid[1]))
     return weights
+
+
+def picture(grid: Sequence[int], path: str | Path) -> Tensor:
+    """The aperture that a picture shows: white is open, black and transparent are closed, grey lets a share through.
+
+    The whole picture fits into the grid, in the middle. Each view counts by the mean of its cell.
+
+    Args:
+        path: Image file, of any size.
+
+    Raises:
+        FileError: No image, or one that cannot be read.
+        InputError: The picture is closed everywhere.
+    """
+    samples = images.to_float(images.read_image(path))
+    open_ = samples[..., :3].mean(-1) if samples.shape[-1] > 2 else samples[..., 0]
+    if samples.shape[-1] in (2, 4):
+        open_ = open_ * samples[..., -1]
+    shares = torch.from_numpy(open_).double().clamp(0, 1)
+    scale = min(n_views / length for n_views, length in zip(grid, shares.shape, strict=True))  # view steps a pixel
+    rows, columns = (
+        geometry.overlap(*_pixels(length, scale), _edges(n_views))
+        for n_views, length in zip(grid, shares.shape, strict=True)
+    )
+    weights = rows.T @ shares @ columns
+    if not bool((weights > 0).any()):
+        remedy = "white is open, black and transparent are closed"
+        raise InputError("the picture of an aperture must be open somewhere", got=f"{path}, black", remedy=remedy)
+    return weights
+
+
+def _pixels(length: int, scale: float) -> tuple[Tensor, Tensor]:
+    """Where pixels about the angular centre begin and end, in view steps, [length] each."""
+    edges = scale * (torch.arange(length + 1, dtype=torch.float64) - length / 2)
+    return edges[:-1], edges[1:]
 
 
 def _edges(n_views: int) -> Tensor:

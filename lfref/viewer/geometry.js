@@ -12,18 +12,51 @@
  * @typedef {[number, number]} Point
  */
 
-/** Norms by which the distance of a camera from the middle of the aperture is measured.
- * @type {Record<string, (x: number, y: number) => number>} */
+/** Shapes of the aperture: weight of a camera by its place from the middle of an aperture of a width; more may be added.
+ * @type {Record<string, (x: number, y: number, width: number) => number>} */
 const SHAPES = {
-  square: (x, y) => Math.max(Math.abs(x), Math.abs(y)),
-  disc: (x, y) => Math.hypot(x, y),
-  hexagon: (x, y) => Math.max(Math.abs(x), 0.5 * Math.abs(x) + 0.866 * Math.abs(y)),
-  heart: heartNorm,
+  square: within((x, y) => Math.max(Math.abs(x), Math.abs(y))),
+  disc: within((x, y) => Math.hypot(x, y)),
+  hexagon: within((x, y) => Math.max(Math.abs(x), 0.5 * Math.abs(x) + 0.866 * Math.abs(y))),
+  heart: within(heartNorm),
 };
 const MOST_ZOOM = 8;
 const PREDICTION_STEPS = 2; // of a fixed point, and the sample of a difference of 0: as in `coding.py`
 const ZERO_DIFFERENCE = 128;
 const HELD = 0.5; // pixels: largest blur, in the outermost view, of a plane that stands for a slope nearby
+
+/** The shape of all places whose norm is at most half the width, with an edge one view step wide.
+ * @param {(x: number, y: number) => number} norm */
+function within(norm) {
+  return (/** @type {number} */ x, /** @type {number} */ y, /** @type {number} */ width) => Math.min(1, Math.max(0, width / 2 + 1 - norm(x, y)));
+}
+
+/** The shape that a grid of weights shows, one for each view at the whole width; interpolated at others.
+ * @param {number[][]} rows @param {number} whole */
+function shapeOf(rows, whole) {
+  const weight = (/** @type {number} */ row, /** @type {number} */ column) => rows[row]?.[column] ?? 0;
+  return (/** @type {number} */ x, /** @type {number} */ y, /** @type {number} */ width) => {
+    const scale = (whole + 1) / (width + 1); // each view stands for a cell of one view step
+    const [row, column] = [scale * y + (rows.length - 1) / 2, scale * x + (rows[0].length - 1) / 2];
+    const [top, left] = [Math.floor(row), Math.floor(column)];
+    const [below, right] = [row - top, column - left];
+    const upper = (1 - right) * weight(top, left) + right * weight(top, left + 1);
+    const lower = (1 - right) * weight(top + 1, left) + right * weight(top + 1, left + 1);
+    return (1 - below) * upper + below * lower;
+  };
+}
+
+/** Mean of red, green and blue, in [0, 1], of each of n by n cells of a square picture, row by row.
+ * @param {Uint8ClampedArray} pixels four samples a pixel @param {number} n @param {number} side of a cell, in pixels
+ * @returns {number[][]} */
+function cellMeans(pixels, n, side) {
+  const rows = Array.from({ length: n }, () => Array(n).fill(0));
+  for (let p = 0; p < pixels.length; p += 4) {
+    const [row, column] = [Math.floor(p / 4 / (n * side)), (p / 4) % (n * side)].map((at) => Math.floor(at / side));
+    rows[row][column] += (pixels[p] + pixels[p + 1] + pixels[p + 2]) / (765 * side * side);
+  }
+  return rows;
+}
 
 /** Norm whose unit ball is a heart, point down. @param {number} x @param {number} y */
 function heartNorm(x, y) {
@@ -85,11 +118,11 @@ function fittingAperture(lens, reach) {
 /** Weight of each camera; of a pinhole, those of linear interpolation between the cameras around it.
  * @param {Point[]} cameras @param {Lens} lens @param {Point} reach @returns {number[]} */
 function cameraWeights(cameras, lens, reach) {
-  const [distance, aperture] = [SHAPES[lens.shape], fittingAperture(lens, reach)];
+  const aperture = fittingAperture(lens, reach);
   return cameras.map(([x, y]) => {
     const [dx, dy] = [x - lens.x, y - lens.y];
     if (aperture === 0) return Math.max(0, 1 - Math.abs(dx)) * Math.max(0, 1 - Math.abs(dy));
-    return Math.min(1, Math.max(0, aperture / 2 + 1 - distance(dx, dy)));
+    return SHAPES[lens.shape](dx, dy, aperture);
   });
 }
 
@@ -134,6 +167,13 @@ function visiblePoint(lens, at, disparityAt, scene) {
     if (miss < least) [least, best] = [miss, from];
   }
   return best;
+}
+
+/** A slope in everyday words, `1.35 m` or `infinity`, by the dioptres at slope 0 and their growth. @param {number} slope
+ * @param {[number, number]} dioptres */
+function distanceOf(slope, [atZero, growth]) {
+  const inverse = atZero + growth * slope;
+  return inverse > 1e-3 ? `${Number((1 / inverse).toPrecision(3))} m` : "infinity";
 }
 
 /** Plane nearest to a slope. @param {number[]} slopes @param {number} slope */

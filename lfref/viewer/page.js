@@ -17,6 +17,7 @@ const LOOK = 1.2; // widths of the grid by which a drag across the window moves 
 const SLOW = 50; // milliseconds that a drawing may take while something moves: slower ones are made coarser
 const COARSEST = 1 / 4; // share of the pixels along each side while something moves
 const FINE_COST = 3; // drawings without fine interpolation, which take the time of one with it
+const PER_VIEW = 8; // pixels of the picture of an aperture along each side of a view's cell
 const PATIENCE = 400; // milliseconds that a fine drawing may take
 
 const { slopes, crop } = content;
@@ -27,6 +28,7 @@ const HAS_VIEWS = content.views.pictures.length > 1;
 const [NEAR, FAR] = content.near > 0 ? [slopes.at(-1), slopes[0]] : [slopes[0], slopes.at(-1)];
 /** @type {Lens} */
 const WHOLE = { slope: content.start.slope, x: 0, y: 0, aperture: 2 * Math.max(...REACH), shape: content.shape, tiltX: 0, tiltY: 0 };
+if (content.aperture) SHAPES.own = shapeOf(content.aperture, WHOLE.aperture);
 /** @type {Place} */
 const CENTRE = { zoom: 1, x: (crop[0] + crop[2]) / 2, y: (crop[1] + crop[3]) / 2 };
 const LIMITS = { low: slopes[0], high: slopes.at(-1), reach: REACH };
@@ -55,6 +57,12 @@ function say(text) {
     animation.cancel();
     animation.play();
   }
+}
+
+/** A slope as people read it: the field's number, and the distance where the cameras are known. @param {number} slope */
+function named(slope) {
+  const number = `${content.quantity} ${slope.toFixed(2)}`;
+  return content.dioptres ? `${number}, ${distanceOf(slope, content.dioptres)}` : number;
 }
 
 /** @returns {Point} */
@@ -261,7 +269,7 @@ function focusAt(at) {
     return;
   }
   const slope = focusOn(lens, shown, point.disparity);
-  say(`${point.source === "neighbour" ? "Focus on the nearest known point" : "Focus"}: ${content.quantity} ${point.disparity.toFixed(2)}.`);
+  say(`${point.source === "neighbour" ? "Focus on the nearest known point" : "Focus"}: ${named(point.disparity)}.`);
   moveTo({ slope });
 }
 
@@ -321,7 +329,7 @@ function compare(isOn) {
 function controls() {
   const plane = nearestPlane(slopes, lens.slope);
   const isTied = options.compares || (!drawing && options.show === "picture");
-  const focus = isTied ? content.titles[plane] : `${content.quantity} ${lens.slope.toFixed(2)}`;
+  const focus = isTied ? content.titles[plane] : named(lens.slope);
   /** @type {[string, number, string][]} */
   const sliders = [
     ["focus", nearness(lens.slope), focus],
@@ -338,6 +346,7 @@ function controls() {
   }
   find("shape").value = lens.shape;
   find("at_slope").textContent = `${lens.slope.toFixed(3)} ${content.unit}`;
+  if (content.dioptres) find("at_distance").textContent = distanceOf(lens.slope, content.dioptres);
   const alpha = content.quantity === "slope" && lens.slope < 1 ? (1 / (1 - lens.slope)).toFixed(3) : "none";
   find("at_alpha").textContent = alpha;
   find("at_method").textContent = stage.dataset.by === "plane" ? `${content.methods[0].name}, ${content.titles[plane]}` : stage.dataset.by || "";
@@ -505,7 +514,7 @@ function look(x, y) {
 function refocus(by) {
   const share = Math.min(1, Math.max(0, nearness(lens.slope) + by));
   setLens({ slope: FAR + share * (NEAR - FAR) });
-  say(`Focus: ${content.quantity} ${lens.slope.toFixed(2)}.`);
+  say(`Focus: ${named(lens.slope)}.`);
 }
 
 /** @param {number} factor */
@@ -577,6 +586,32 @@ find("difference")?.addEventListener("change", (/** @type {any} */ event) => {
   compare(true);
 });
 find("shape").addEventListener("input", (/** @type {any} */ event) => setLens({ shape: event.target.value }));
+
+/** Take the aperture that a picture file shows: white is open, black and transparent are closed. @param {File} file */
+async function openAperture(file) {
+  const picture = await createImageBitmap(file).catch(() => null);
+  if (!picture) {
+    say(`${file.name} is not a picture that this browser reads.`);
+    return;
+  }
+  const n = Math.round(WHOLE.aperture) + 1;
+  const scratch = Object.assign(document.createElement("canvas"), { width: PER_VIEW * n, height: PER_VIEW * n });
+  const drawing = /** @type {CanvasRenderingContext2D} */ (scratch.getContext("2d", { willReadFrequently: true }));
+  drawing.fillRect(0, 0, scratch.width, scratch.height);
+  const scale = scratch.width / Math.max(picture.width, picture.height);
+  const [width, height] = [scale * picture.width, scale * picture.height];
+  drawing.imageSmoothingQuality = "high";
+  drawing.drawImage(picture, (scratch.width - width) / 2, (scratch.height - height) / 2, width, height);
+  const rows = cellMeans(drawing.getImageData(0, 0, scratch.width, scratch.height).data, n, PER_VIEW);
+  if (!rows.flat().some((weight) => weight > 0)) {
+    say(`${file.name} is black: nothing would be open. White is open.`);
+    return;
+  }
+  SHAPES.picture = shapeOf(rows, WHOLE.aperture);
+  find("picture_shape").hidden = false;
+  setLens({ shape: "picture" });
+}
+find("shape_file").addEventListener("change", (/** @type {any} */ event) => event.target.files[0] && openAperture(event.target.files[0]));
 for (const show of ["picture", "sharp", "map"]) find(`show_${show}`).addEventListener("change", () => choose(show));
 find("sweep").addEventListener("click", sweep);
 find("reset").addEventListener("click", reset);

@@ -25,6 +25,7 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.io import atomic
+from lfref.io.disparity_files import Cameras
 from lfref.lightfield import LightField
 from lfref.refocus.disparity import cost_volume
 from lfref.refocuser import filling
@@ -108,23 +109,25 @@ def _escaped(text: str) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def page_content(methods: Mapping[str, Refocused], shape: str = "square") -> dict[str, Any]:
+def page_content(methods: Mapping[str, Refocused], aperture: Tensor | None = None) -> dict[str, Any]:
     """Content of the page as plain containers.
 
     Args:
         methods: Method -> the light field refocused to the same planes; the first method is the first on the page.
-        shape: Shape of the aperture at first, as in `geometry.js`.
+        aperture: Weight of each view, >= 0, by which the methods refocus, [V, U]; None: all alike.
 
     Returns:
         `size` [H, W]; `crop`, what is shown: left, top, right, bottom as shares of the sides; `quantity` and `unit` of
         the planes' numbers, usually slopes; `slopes` (these numbers) and `titles` of the planes, from the least to the
-        largest; `near`, 1 if larger numbers are nearer and -1 if smaller ones are; `start` with `slope` and `plane`,
-        the focus at first; `shape` of the aperture; `methods`, each with `name` and `planes` (pictures, without loss
-        if there are several); `depth` with `low`, `high`, `disparity`, `confidence`, and `least_confidence`, that of a
-        known disparity; `sharp` and `map` (pictures); `scale` of the map's colours with `low`, `high` and `bar` (a
-        picture of them); `views` with `size`, `cameras` (x, y from the middle, in view steps), `reference` (index of
-        the view that predicts the others, or None), `pictures` (of the views, or of their differences from what is
-        predicted), and `masks` (pictures of the samples' weights, or None).
+        largest; `near`, 1 if larger numbers are nearer and -1 if smaller ones are; `dioptres`, 1 / distance in 1 /
+        metres at slope 0 and its growth per slope, or None; `start` with `slope` and `plane`, the focus at first;
+        `shape` of the aperture at first, as in `geometry.js`, and `aperture`, the weights of the shape `own` or None;
+        `methods`, each with `name` and `planes` (pictures, without loss if there are several); `depth` with `low`,
+        `high`, `disparity`, `confidence`, and `least_confidence`, that of a known disparity; `sharp` and `map`
+        (pictures); `scale` of the map's colours with `low`, `high` and `bar` (a picture of them); `views` with `size`,
+        `cameras` (x, y from the middle, in view steps), `reference` (index of the view that predicts the others, or
+        None), `pictures` (of the views, or of their differences from what is predicted), and `masks` (pictures of the
+        samples' weights, or None).
 
     Raises:
         InputError: There is no method, or the methods have different planes.
@@ -141,6 +144,8 @@ def page_content(methods: Mapping[str, Refocused], shape: str = "square") -> dic
     middle = first.field.views[tuple(length // 2 for length in first.field.grid)]
     small = coding.smallest(first.encoded(middle)).coding
     encode = small.uri if len(methods) == 1 else LOSSLESS.uri
+    known = Cameras.from_metadata(first.field.metadata)
+    cameras = None if known is None else known.dioptres(first.field.size)
     ends = disparity_colours.ends(slopes, first.planes.values)
     return {
         "size": list(first.field.size),
@@ -149,7 +154,11 @@ def page_content(methods: Mapping[str, Refocused], shape: str = "square") -> dic
         "crop": _crop(first.field),
         "slopes": values,
         "near": near,
-        "shape": shape,
+        "dioptres": None
+        if cameras is None
+        else [number * sign for number, sign in zip(cameras, (1, near), strict=True)],
+        "shape": "square" if aperture is None else "own",
+        "aperture": None if aperture is None else _rounded(aperture / aperture.max()),
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
         "methods": [
             {"name": name, "planes": [encode(refocused.encoded(refocused.shown[plane])) for plane in first.by_slope]}
@@ -162,6 +171,10 @@ def page_content(methods: Mapping[str, Refocused], shape: str = "square") -> dic
         "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(disparity_colours.coloured(_bar(*ends), *ends))},
         "views": _views(first, slopes, small),
     }
+
+
+def _rounded(weights: Tensor) -> list[list[float]]:
+    return [[round(weight, 4) for weight in row] for row in weights.tolist()]
 
 
 def _interest(refocused: Refocused, nearness: NDArray[np.floating], confidence: NDArray[np.floating]) -> Tensor:

@@ -7,9 +7,11 @@ import urllib.parse
 
 import numpy as np
 import pytest
+import torch
 
 from lfref.geometry import FocalPlanes
 from lfref.io import images, write
+from lfref.refocus import apertures
 from tests.io import lytro_drawing
 from tests.viewer import cases
 
@@ -105,8 +107,19 @@ def test_a_file_for_sharing_of_a_lytro_camera_becomes_a_page_of_its_pictures(lfr
     np.testing.assert_allclose(steps[[0, 0, -1], [0, -1, -1]] / 65535 * 9.5 - 5.5, [-5.5, 0.25, 4.0], atol=1e-3)
 
 
-@pytest.mark.parametrize(("aperture", "shape"), [("full", "square"), ("disc", "disc"), ("polygon", "hexagon")])
-def test_the_page_begins_with_the_shape_of_the_aperture(lfref, field, tmp_path, aperture, shape):
-    status, errors = lfref(*WORDS[:3], WORDS[4], f"aperture={aperture}", field, f"output={tmp_path}/run")
+@pytest.mark.parametrize("aperture", ["full", "disc", "picture"])
+def test_the_page_begins_with_the_aperture_of_the_methods(lfref, field, tmp_path, aperture):
+    images.write_image(tmp_path / "half.png", np.repeat([[1.0], [0.0]], 2, 1)[..., None])
+    words = [f"aperture={aperture}", *([f"aperture.path={tmp_path}/half.png"] if aperture == "picture" else [])]
+    status, errors = lfref(*WORDS[:3], WORDS[4], *words, field, f"output={tmp_path}/run")
     assert status == 0, errors
-    assert held(tmp_path / "run")[1]["shape"] == shape
+    content = held(tmp_path / "run")[1]
+    assert content["shape"] == ("square" if aperture == "full" else "own")
+    if aperture == "full":
+        assert content["aperture"] is None
+        return
+    n_rows = len(content["aperture"])
+    expected = apertures.disc((n_rows, n_rows)) if aperture == "disc" else None
+    if expected is None:
+        expected = (n_rows / 2 - torch.arange(n_rows)).clamp(0, 1)[:, None].expand(n_rows, n_rows)
+    np.testing.assert_allclose(content["aperture"], expected / expected.max(), atol=1e-4)

@@ -6,7 +6,8 @@ import math
 import pytest
 import torch
 
-from lfref.errors import InputError
+from lfref.errors import FileError, InputError
+from lfref.io import images
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
 
@@ -126,3 +127,31 @@ def test_a_smaller_aperture_has_more_depth_of_field(plane):
 def test_what_is_no_aperture_is_refused(shape, options, message):
     with pytest.raises(InputError, match=message):
         shape((2, 3), **options)
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_a_picture_counts_by_the_mean_of_each_cell_and_keeps_its_ratio(tmp_path, channels):
+    shares = torch.rand(24, 12, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    light, alpha = shares.sqrt()[..., None], shares.sqrt()[..., None]
+    samples = shares[..., None].expand(-1, -1, channels) if channels in (1, 3) else None
+    if samples is None:  # the same, half by the light and half by the opacity
+        samples = torch.cat([light.expand(-1, -1, channels - 1), alpha], -1)
+    images.write_image(tmp_path / "aperture.exr", samples.float().numpy())
+    weights = apertures.picture((8, 8), tmp_path / "aperture.exr")
+    expected = torch.nn.functional.pad(torch.nn.functional.avg_pool2d(shares[None], 3)[0], (2, 2))
+    torch.testing.assert_close(weights, expected, atol=1e-6, rtol=0)
+
+
+def test_a_picture_of_an_odd_size_keeps_its_light(tmp_path):
+    images.write_image(tmp_path / "aperture.png", torch.rand(31, 31, 1).numpy())
+    picture = torch.from_numpy(images.to_float(images.read_image(tmp_path / "aperture.png"))).double()
+    weights = apertures.picture((7, 7), tmp_path / "aperture.png")
+    assert float(weights.sum()) == pytest.approx(49 * float(picture.mean()))
+
+
+def test_a_picture_must_be_one_and_be_open_somewhere(tmp_path):
+    images.write_image(tmp_path / "black.png", torch.zeros(8, 8, 3).numpy())
+    with pytest.raises(InputError, match="must be open somewhere"):
+        apertures.picture((7, 7), tmp_path / "black.png")
+    with pytest.raises(FileError, match=r"none\.png"):
+        apertures.picture((7, 7), tmp_path / "none.png")

@@ -144,6 +144,16 @@ def test_it_starts_at_the_textured_near_thing_in_the_middle(content):
     assert content["slopes"][content["start"]["plane"]] == 1.0
 
 
+def test_distances_are_known_where_the_cameras_are():
+    only = cases.methods()["linear"]
+    known = {"focal length": "50 mm", "sensor size": "25 mm", "baseline": "4 mm", "focus distance": "2 m"}
+    field = dataclasses.replace(only.field, metadata=known)
+    content = view_page.page_content({"x": dataclasses.replace(only, field=field)})
+    # d pixels are d / (2 sides of 128 pixels) of the focal length, for a baseline of 4 mm: near is positive here.
+    assert content["dioptres"] == pytest.approx([1 / 2, 1 / (0.004 * 256)])
+    assert view_page.page_content({"x": only})["dioptres"] is None
+
+
 def test_what_few_views_see_is_cropped_away_and_samples_keep_their_weights():
     field = cases.with_black_corners()
     content = view_page.page_content({"x": dataclasses.replace(cases.methods()["linear"], field=field)})

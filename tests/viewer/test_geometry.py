@@ -56,15 +56,43 @@ def test_an_aperture_shrinks_where_it_would_leave_the_grid():
 
 def test_shapes_are_what_they_are_called():
     points = [[1, 0], [0, 1], [0.9, 0.9], [0, -1]]
+    # A place on the edge of an aperture of width 2 n - 1 counts by half where its norm is n.
     norms = computed(
-        "Object.fromEntries(Object.keys(SHAPES).map((k) => [k, points.map((p) => SHAPES[k](...p))]))", points=points
+        "Object.fromEntries(Object.keys(SHAPES).map((k) => [k, points.map(([x, y]) => 1.5 - SHAPES[k](x, y, 1))]))",
+        points=points,
     )
-    assert norms["square"] == [1, 1, 0.9, 1]
+    assert norms["square"] == pytest.approx([1, 1, 0.9, 1])
     assert norms["disc"] == pytest.approx([1, 1, 0.9 * 2**0.5, 1])
     assert norms["hexagon"] == pytest.approx([1, 0.866, 0.9 * 1.366, 0.866])
     heart = norms["heart"]
     assert heart[1] < heart[0], "its point, below, reaches farther than its side"
     assert heart[3] > heart[1], "above there is the notch"
+
+
+def test_the_shape_of_a_grid_has_its_weights_and_grows_with_the_width():
+    rows = [[0, 0.2, 0], [0.4, 1, 0.6], [0, 0.8, 0]]
+    places = [[x, y] for y in (-1, 0, 1) for x in (-1, 0, 1)]
+    whole, half, outside = computed(
+        "[places.map(([x, y]) => shapeOf(rows, 2)(x, y, 2)), places.map(([x, y]) => shapeOf(rows, 2)(x / 3, y / 3, 0)),"
+        " [[3, 0], [0, -2], [1.5, 0]].map(([x, y]) => shapeOf(rows, 2)(x, y, 2))]",
+        rows=rows,
+        places=places,
+    )
+    assert whole == pytest.approx(np.ravel(rows).tolist())
+    assert half == pytest.approx(np.ravel(rows).tolist())
+    assert outside == pytest.approx([0, 0, 0.3])
+
+
+def test_the_cells_of_a_picture_count_by_their_mean():
+    pixels = np.random.default_rng(0).integers(0, 256, (6, 6, 4))
+    means = computed("cellMeans(Uint8ClampedArray.from(pixels), 3, 2)", pixels=pixels.ravel().tolist())
+    expected = pixels[..., :3].reshape(3, 2, 3, 2, 3).mean((1, 3, 4)) / 255
+    np.testing.assert_allclose(means, expected)
+
+
+def test_distances_follow_the_dioptres():
+    words = computed("[0, 1, -2, -2.5, -3].map((slope) => distanceOf(slope, [0.5, 0.2]))")
+    assert words == ["2 m", "1.43 m", "10 m", "infinity", "infinity"]
 
 
 def seen_slowly(lens, at, disparity_of_row, near):

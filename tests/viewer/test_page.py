@@ -1,7 +1,9 @@
 """The page in a browser: from disk, by mouse, keyboard and finger, at any size, without the network."""
 
 import base64
+import dataclasses
 import io
+import re
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import torch
 
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
+from lfref.refocus import apertures
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
@@ -111,6 +114,61 @@ def open_drawer(tab):
 
 
 # The picture.
+
+
+def half_open(tmp_path):
+    """A picture whose left half is open."""
+    Image.new("L", (40, 40), 0).save(tmp_path / "half.png")
+    picture = Image.open(tmp_path / "half.png").copy()
+    picture.paste(255, (0, 0, 20, 40))
+    picture.save(tmp_path / "half.png")
+    return tmp_path / "half.png"
+
+
+def test_a_picture_becomes_the_aperture_here_as_in_the_methods(opened, tmp_path):
+    tab = opened(f"#f={FAR}")
+    open_drawer(tab)
+    tab.set_input_files("#shape_file", half_open(tmp_path))
+    tab.wait_for_function("() => lens.shape === 'picture'")
+    settle(tab)
+    assert tab.input_value("#shape") == "picture"
+    assert "shape=picture" in tab.evaluate("() => location.hash")
+    field, _ = cases.scene()
+    weights = apertures.picture(field.grid, tmp_path / "half.png")
+    expected = shift_and_sum_through_cells(field.views, [FAR], weights=weights)[0]
+    other = shift_and_sum_through_cells(field.views, [FAR], weights=weights.flip(1))[0]
+    drawn = pixels(tab)
+    assert float(psnr(inner(drawn), inner(expected).double())) > 35
+    assert float(psnr(inner(drawn), inner(other).double())) < 30
+
+
+def test_the_distance_in_focus_is_told_where_the_cameras_are_known(browser, tmp_path):
+    only = cases.methods()["linear"]
+    known = {"focal length": "50 mm", "sensor size": "25 mm", "baseline": "4 mm", "focus distance": "2 m"}
+    field = dataclasses.replace(only.field, metadata=known)
+    content = view_page.page_content({"x": dataclasses.replace(only, field=field)})
+    view_page.write(tmp_path / "index.html", "Known", {}, content)
+    context = browser.new_context(**WIDE)
+    tab = context.new_page()
+    tab.goto((tmp_path / "index.html").as_uri() + "#f=0.5")
+    tab.wait_for_function("() => drawing !== null")
+    settle(tab)
+    assert tab.text_content("#at_distance") == "1.01 m"  # 1 / (1 / 2 + .5 / (.004 * 256))
+    tap(tab, 0.5, 0.5)
+    slope, distance = re.fullmatch(r"Focus: slope (\S+), (\S+) m\.", tab.text_content("#status")).groups()
+    assert [float(slope), float(distance)] == pytest.approx([NEAR, 1 / (1 / 2 + NEAR / 1.024)], abs=0.02)
+    context.close()
+
+
+def test_a_file_that_is_no_picture_or_black_leaves_the_aperture(opened, tmp_path):
+    tab = opened()
+    open_drawer(tab)
+    (tmp_path / "text.png").write_text("no picture")
+    Image.new("L", (8, 8), 0).save(tmp_path / "black.png")
+    for name, said in (("text.png", "text.png is not a picture"), ("black.png", "nothing would be open")):
+        tab.set_input_files("#shape_file", tmp_path / name)
+        tab.wait_for_function("(said) => find('status').textContent.includes(said)", arg=said)
+        assert state(tab)["shape"] == "square"
 
 
 def test_it_opens_sharp_on_the_disc_and_shows_the_best_method(opened):
