@@ -122,15 +122,22 @@ def write(path: Path, light: LightField, about: Mapping[str, Any] | None = None)
     dtype, encoding = DTYPES[light.metadata["bits"]], parsed(light.metadata["encoding"])
     if dtype.kind == "f" and encoding.is_known:
         encoding = LINEAR
-    samples = images.encoded(light.views.numpy(), encoding)
-    if light.weight is not None:
-        samples = np.concatenate([samples, light.weight.numpy()], axis=2)
-    if dtype.kind == "u":
-        samples = np.rint(samples * np.iinfo(dtype).max).astype(dtype)
-    tiles = [np.ascontiguousarray(samples[..., rows, columns]) for rows, columns in _tiles(samples.shape, TILE)]
+
+    def stored(rows: slice, columns: slice) -> NDArray:
+        # Tile by tile: its samples stay in the processor's caches.
+        samples = images.encoded(light.views[..., rows, columns].numpy(), encoding)
+        if light.weight is not None:
+            samples = np.concatenate([samples, light.weight[..., rows, columns].numpy()], axis=2)
+        if dtype.kind == "u":
+            samples = np.rint(samples * np.iinfo(dtype).max).astype(dtype)
+        return np.ascontiguousarray(samples)
+
+    n_channels = light.views.shape[2] + (light.weight is not None)
+    shape = (*light.views.shape[:2], n_channels, *light.size)
+    tiles = [stored(rows, columns) for rows, columns in _tiles(shape, TILE)]
     checksums = tuple(zlib.crc32(tile.data) for tile in tiles)
     has_weight = light.weight is not None
-    description = Description(samples.shape, dtype.name, str(encoding), has_weight, checksums, about=about or {})
+    description = Description(shape, dtype.name, str(encoding), has_weight, checksums, about=about or {})
     text = json.dumps(asdict(description)).encode()
     head = MAGIC + len(text).to_bytes(4, "little") + zlib.crc32(text).to_bytes(4, "little") + text
     with atomic.replacing(path) as partial, partial.open("wb") as file:
