@@ -5,13 +5,12 @@ import functools
 import pytest
 
 import lfref
-from lfref.simulator import mitsuba_scenes
-from lfref.simulator.mitsuba_scenes import SCENES, SLOPES, VIEWS, apart_from_edges
 from tests.simulator.drawing import psnr
 
 pytest.importorskip("mitsuba", reason="the extra `mitsuba` is not installed, or has no wheel for this machine")
 
-from lfref.simulator.mitsuba_scenes import MitsubaScene
+from lfref.simulator import mitsuba_scenes
+from lfref.simulator.mitsuba_scenes import SCENES, SLOPES, VIEWS, MitsubaScene, apart_from_edges
 
 # Measured: 50 dB at least, where edges cut through pixels and where Mitsuba's pictures are noisy; else 69.8.
 AT_LEAST = 47.0
