@@ -184,15 +184,18 @@ def _tables(plan: Plan, working: np.dtype, full_scale: int) -> Tables:
         if not plan.border.counts_only_samples:
             factors.append(RowFactors(np.ones((1, width), working), np.zeros(height, np.int64)))
             continue
-        covered = plan.coverage(shifts)
-        blurred = footprint.boxed(covered, shifts.width, plan.border)
         # Rows that the same lines have a sample in, and around them, are of one kind: they share their factors.
         has_sample = sampling.sampled(shifts.rows, height)
         around = footprint.boxed(has_sample, shifts.width, plan.border, axes=[-1])
         _, first, kinds = np.unique(
             np.concatenate([has_sample, around]), axis=1, return_index=True, return_inverse=True
         )
-        factors.append(RowFactors(footprint.inverse(covered, blurred)[first].numpy(), kinds))
+        if shifts.width > 0:
+            covered = plan.coverage(shifts)
+            covered, blurred = covered[first], footprint.boxed(covered, shifts.width, plan.border)[first]
+        else:
+            covered = blurred = plan.coverage(shifts, first)
+        factors.append(RowFactors(footprint.inverse(covered, blurred).numpy(), kinds))
     # A plane that is blurred is divided by its coverage after that, not before.
     scale = np.zeros((len(factors), max(len(own.factors) for own in factors), width), working)
     kinds = np.zeros((len(factors), height), np.int64)
@@ -212,7 +215,7 @@ def _tables(plan: Plan, working: np.dtype, full_scale: int) -> Tables:
 
 
 def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
-    aperture, width = np.array(plan.aperture), plan.size[1]
+    aperture, width, reach = np.array(plan.aperture), plan.size[1], plan.reach
     parts = [aperture] if plan.is_separable else np.split(aperture, len(aperture))
     # The taps (u, start, weight, columns served) of every plane and line, without views and samples of weight 0.
     planes: list[list[list[tuple[int, int, float, tuple[int, int]]]]] = []
@@ -223,7 +226,7 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
             for u, shift in enumerate(columns):
                 for offset, weight in plan.interpolation.taps(shift) if part[:, u].sum() > 0 else ():
                     if weight != 0:
-                        line.append((u, u * row_length + plan.reach + offset, weight, plan.span(shift, 1)))
+                        line.append((u, u * row_length + reach + offset, weight, plan.span(shift, 1)))
             planes[-1].append(line)
     groups = np.array([max(-(-len(taps) // TAPS) for taps in plane) for plane in planes])
     shape = (len(planes), len(parts), groups.max(), TAPS)

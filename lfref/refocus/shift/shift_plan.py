@@ -8,7 +8,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.errors import chosen
@@ -60,9 +62,10 @@ class Plan(NamedTuple):
         length = self.size[axis]
         return sampling.sampled_span(shift, length) if self.border.counts_only_samples else (0, length)
 
-    def coverage(self, shifts: Shifts) -> Tensor:
-        """Share of the aperture that has a sample at each pixel of a plane, float64, CPU, [H, W]."""
+    def coverage(self, shifts: Shifts, chosen_rows: NDArray[np.int64] | None = None) -> Tensor:
+        """Share of the aperture with a sample at each pixel of a plane, float64, CPU, [H, W] or chosen rows of it."""
         rows = sampling.sampled(shifts.rows, self.size[0])
+        rows = rows if chosen_rows is None else rows[:, chosen_rows]
         columns = torch.stack([sampling.sampled(line, self.size[1]) for line in shifts.columns])
         aperture = torch.tensor(self.aperture, dtype=torch.float64)
         if len(columns) == 1:
