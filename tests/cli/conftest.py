@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
@@ -21,6 +22,12 @@ TINY_DATA = (
 )
 TINY_NET = ("net=refnet_small", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=8")
 TINY = (*TINY_DATA, *TINY_NET)
+
+
+@pytest.fixture(autouse=True)
+def is_no_job(monkeypatch):
+    """Hydra keeps the configuration of its last job: a later test would take itself for a job of the same sweep."""
+    monkeypatch.setattr(HydraConfig.instance(), "cfg", None)
 
 
 @pytest.fixture

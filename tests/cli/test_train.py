@@ -7,7 +7,6 @@ import sys
 
 import pytest
 import torch
-from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch import Callback
 
 from lfref.cli import config as configs
@@ -17,12 +16,6 @@ from lfref.refocuser.load import load
 from lfref.train.callbacks import BestCheckpoint, StackPictures, StepGuard
 from lfref.train.modules import Refocusing
 from tests.cli.conftest import TINY
-
-
-@pytest.fixture(autouse=True)
-def alone(monkeypatch):
-    """Hydra remembers the last command of this process, which may have been a sweep."""
-    monkeypatch.setattr(HydraConfig.instance(), "cfg", None)
 
 
 def callbacks(trainer, kind):
