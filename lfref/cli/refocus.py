@@ -15,6 +15,7 @@ from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
+from lfref.io import run as runs
 from lfref.io.run import Run
 from lfref.io.scratch import allocator
 from lfref.lightfield import LightField
@@ -100,7 +101,9 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
 
 
 def prepare(config: DictConfig, folder: Path) -> bool:
-    """Refuse to resume a run with other settings than its own."""
+    """Refuse to resume a run with other settings than its own; a job of a sweep that is started again goes on."""
+    if resume.is_sweep_job() and (folder / runs.OVERRIDES).is_file():
+        config.resume = str(folder)
     if config.resume is not None:
         plain = configs.plain(config)
         decisive = [key for key in plain if key not in (*resume.FOLDERS, "overwrite", "device")]

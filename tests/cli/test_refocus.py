@@ -229,3 +229,20 @@ def test_shards_share_the_captures_out(lfref, captures, tmp_path):
     for number, (name,) in done.items():
         one, whole = (read_stack(tmp_path / run / name / "stack.exr")[0] for run in (str(number), "whole"))
         assert torch.equal(one, whole)
+
+
+def test_a_sweep_of_shards_that_is_given_again_does_what_is_left(lfref, captures, tmp_path):
+    shutil.rmtree(captures / "second")
+    words = ("refocus", "--multirun", captures, f"output={tmp_path}/out", "shard=1/2,2/2", *QUICK)
+    assert lfref(*words)[0] == 0
+    sheets = sorted((tmp_path / "out").glob("*/*/contact_sheet.png"))
+    assert len(sheets) == 2
+    shutil.rmtree(sheets[0].parent)
+    kept = {sheet: sheet.stat().st_mtime_ns for sheet in sheets[1:]}
+    status, errors = lfref(*words)
+    assert status == 0, errors
+    assert sheets[0].is_file()
+    assert all(sheet.stat().st_mtime_ns == time_ns for sheet, time_ns in kept.items())
+    status, errors = lfref(*words, "method=shift_and_sum_nearest")
+    assert status == 1
+    assert "must go on with the settings that it began with" in errors

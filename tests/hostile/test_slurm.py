@@ -16,7 +16,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from lfref.io import write
 from tests.cli.conftest import TINY
+from tests.viewer import cases
 
 pytestmark = [
     pytest.mark.slow,
@@ -116,11 +118,12 @@ def facts(job: str) -> str:
 
 
 def preempt(job: str) -> None:
-    """Take the nodes from a job until it waits in the queue again, and let it start at once."""
+    """Take the nodes from all jobs until this one waits in the queue again, and let them start at once."""
     urgent = submit("#!/bin/sh\nsleep 1\n", "--partition=urgent", "--nodes=2", "--output=/dev/null")
     wait_until(lambda: "Restarts=1" in facts(job), "the job must be queued again")
     wait_until(lambda: "JobState=COMPLETED" in facts(urgent), "the urgent job must end")
-    run("scontrol", "update", f"JobId={job}", "StartTime=now")
+    for waiting in run("squeue", "--noheader", "--states=PENDING", "--format=%i").split():
+        run("scontrol", "update", f"JobId={waiting}", "StartTime=now")
 
 
 def step_of(checkpoint: Path) -> int:
@@ -174,3 +177,29 @@ def test_members_of_a_sweep_are_preempted_and_the_sweep_gets_all_of_them(cluster
     assert "one of the runs failed" in errors
     assert "net.n_blocks=-1" in errors.splitlines()[-1]
     assert torch.load(sweep / "0" / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == 39
+
+
+def test_a_shard_that_is_preempted_does_what_is_left(cluster, tmp_path):
+    pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
+    field, _ = cases.scene(size=(192, 256))  # takes a second or two
+    for index in range(24):
+        write.write(tmp_path / "captures" / f"field_{index:02d}", field)
+    words = [
+        sys.executable, "-c", "from lfref.cli.main import main; main()", "refocus", "--multirun", tmp_path / "captures",
+        "shard=1/2,2/2", "method=occlusion_aware", "correct=none", f"output={tmp_path}/out",
+        "hydra/launcher=submitit_slurm", "hydra.launcher.partition=hasty", "hydra.launcher.timeout_min=20",
+        "hydra.launcher.cpus_per_task=1", "hydra.launcher.mem_gb=null",
+    ]  # fmt: skip
+    process = subprocess.Popen(list(map(str, words)), stderr=subprocess.PIPE, text=True)
+    try:
+        wait_until(lambda: len(list((tmp_path / "out").glob("0/field_*"))) > 1, "a shard must have begun", process)
+        (folder,) = (tmp_path / "out" / ".submitit").glob("*_0")
+        preempt(folder.name)
+        first = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("0/field_*/stack.exr")}
+        errors = process.communicate(timeout=LIMIT_S)[1]
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors
+    assert 0 < len(first) < 12, "preempted in between"
+    assert len(list((tmp_path / "out").glob("[01]/field_*/stack.exr"))) == 24
+    assert all(path.stat().st_mtime_ns == time_ns for path, time_ns in first.items())
