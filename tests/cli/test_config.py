@@ -1,11 +1,13 @@
 import importlib.util
 import inspect
 
+import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
 from lfref.cli import config as configs
 from lfref.errors import InputError
+from lfref.io import images
 from lfref.io.read import read
 from lfref.nets.refnet import RefNet
 
@@ -68,11 +70,13 @@ def test_every_method_composes_and_refocuses(composed, name):
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (FOLDER / "aperture").glob("*.yaml")))
-def test_every_aperture_composes_and_weighs_the_views(composed, name):
+def test_every_aperture_composes_and_weighs_the_views(composed, name, tmp_path):
     import torch
 
-    rows = ["aperture.rows=[[1,0,1],[0,2,0],[1,0,1]]"] if name == "mask" else []
-    weights = configs.build(composed("refocus", f"aperture={name}", "input=x", *rows).aperture)((3, 3))
+    images.write_image(tmp_path / "white.png", np.ones((8, 8, 1), np.float32))
+    needed = {"mask": ["aperture.rows=[[1,0,1],[0,2,0],[1,0,1]]"], "picture": [f"aperture.path={tmp_path}/white.png"]}
+    config = composed("refocus", f"aperture={name}", "input=x", *needed.get(name, []))
+    weights = configs.build(config.aperture)((3, 3))
     assert weights.shape == (3, 3)
     assert float(weights.sum()) > 0
     torch.testing.assert_close(weights, weights.flip(0))

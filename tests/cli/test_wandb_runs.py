@@ -248,6 +248,6 @@ def test_exports_that_belong_to_no_run_in_wandb_are_refused_before_the_work(lfre
     (tmp_path / "run" / "config.yaml").write_text("logger: {}\n")
     checkpoint.save(folder / "best.ckpt", cases.network().network, cases.PLANES)
     words = [word.format(run=tmp_path / "run") for word in words]
-    status, errors = lfref("export", "format=safetensors" if "checkpoint" in words[0] else "format=onnx", *words)
+    status, errors = lfref("export", "format=safetensors" if "checkpoint" in words[0] else "format=pt2", *words)
     assert status == 1
     assert said in errors
