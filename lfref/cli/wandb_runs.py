@@ -88,7 +88,9 @@ def options(logger: DictConfig, config: DictConfig, job_type: str = "train") -> 
     own = {key: value for key, value in logger.items() if value is not None}
     choices = HydraConfig.get().runtime.choices if HydraConfig.initialized() else {}
     tags = [str(choices[group])[:LONGEST_TAG] for group in TAGS if choices.get(group)]
-    known = {"job_type": job_type, "name": _name(), "group": _group(), "id": _kept_id(config)}
+    # Lightning asks for offline runs by an environment variable, which wandb reads at its first run in a process only.
+    mode = "offline" if own.get("offline") else None
+    known = {"job_type": job_type, "name": _name(), "group": _group(), "id": _kept_id(config), "mode": mode}
     if "version" in own:  # Lightning's other name of the id
         del known["id"]
     return {
