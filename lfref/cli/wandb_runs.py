@@ -49,6 +49,11 @@ class WandbLogger(loggers.WandbLogger):
     Lightning's own calls each of them `best`: `last.ckpt` is the only and thus best file of its callback.
     """
 
+    def __init__(self, *, offline: bool = False, **options: Any) -> None:
+        # Lightning asks for offline runs by an environment variable, which wandb reads once in a process.
+        mode = {"mode": "offline"} if offline else {}
+        super().__init__(offline=offline, **mode | options)
+
     def _scan_and_log_checkpoints(self, checkpoint_callback: ModelCheckpoint) -> None:
         path = Path(checkpoint_callback.best_model_path)
         # The file is complete: `AtomicCheckpointIO` has renamed it before Lightning tells the loggers.
@@ -88,9 +93,7 @@ def options(logger: DictConfig, config: DictConfig, job_type: str = "train") -> 
     own = {key: value for key, value in logger.items() if value is not None}
     choices = HydraConfig.get().runtime.choices if HydraConfig.initialized() else {}
     tags = [str(choices[group])[:LONGEST_TAG] for group in TAGS if choices.get(group)]
-    # Lightning asks for offline runs by an environment variable, which wandb reads at its first run in a process only.
-    mode = "offline" if own.get("offline") else None
-    known = {"job_type": job_type, "name": _name(), "group": _group(), "id": _kept_id(config), "mode": mode}
+    known = {"job_type": job_type, "name": _name(), "group": _group(), "id": _kept_id(config)}
     if "version" in own:  # Lightning's other name of the id
         del known["id"]
     return {

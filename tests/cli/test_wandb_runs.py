@@ -88,11 +88,12 @@ def test_a_run_that_goes_on_elsewhere_or_starts_anew_has_an_id_of_its_own(tmp_pa
     assert not {"id", "job_type"} & given.keys()
 
 
-def test_a_run_is_offline_whatever_ran_before_in_the_process(tmp_path):
-    config = OmegaConf.create({"folder": str(tmp_path)})
-    assert wandb_runs.options(OmegaConf.create({"offline": True}), config)["mode"] == "offline"
-    assert "mode" not in wandb_runs.options(OmegaConf.create({"offline": False}), config)
-    assert "mode" not in wandb_runs.options(OmegaConf.create({"offline": True, "mode": "disabled"}), config)
+@pytest.mark.parametrize(
+    ("options", "mode"),
+    [({"offline": True}, "offline"), ({}, None), ({"offline": True, "mode": "disabled"}, "disabled")],
+)
+def test_a_run_is_offline_whatever_ran_before_in_the_process(tmp_path, options, mode):
+    assert wandb_runs.WandbLogger(save_dir=tmp_path, **options)._wandb_init.get("mode") == mode
 
 
 def test_names_have_no_paths():
