@@ -48,6 +48,7 @@ SwitchType=switch/none
 MpiDefault=none
 SelectType=select/cons_tres
 SelectTypeParameters=CR_CPU
+SchedulerParameters=sched_interval=2,bf_interval=2,batch_sched_delay=0
 ReturnToService=2
 KillWait=2
 PreemptType=preempt/partition_prio
@@ -55,7 +56,6 @@ PreemptMode=REQUEUE
 NodeName=node1 NodeHostname={host} NodeAddr=127.0.0.1 Port={ports[1]} CPUs=1
 NodeName=node2 NodeHostname={host} NodeAddr=127.0.0.1 Port={ports[2]} CPUs=1
 PartitionName=patient Nodes=ALL Default=YES PriorityTier=1 GraceTime=60
-PartitionName=hasty Nodes=ALL PriorityTier=1 GraceTime=1
 PartitionName=urgent Nodes=ALL PriorityTier=2 PreemptMode=OFF
 """
 
@@ -122,6 +122,11 @@ def preempt(job: str) -> None:
     urgent = submit("#!/bin/sh\nsleep 1\n", "--partition=urgent", "--nodes=2", "--output=/dev/null")
     wait_until(lambda: "Restarts=1" in facts(job), "the job must be queued again")
     wait_until(lambda: "JobState=COMPLETED" in facts(urgent), "the urgent job must end")
+    start_waiting()
+
+
+def start_waiting() -> None:
+    """Start the jobs that wait in the queue: those that are queued again would wait for two minutes."""
     for waiting in run("squeue", "--noheader", "--states=PENDING", "--format=%i").split():
         run("scontrol", "update", f"JobId={waiting}", "StartTime=now")
 
@@ -155,51 +160,58 @@ def test_the_documented_job_is_preempted_and_goes_on_by_itself(cluster, tmp_path
     assert epochs == sorted(epochs)
 
 
-def test_members_of_a_sweep_are_preempted_and_the_sweep_gets_all_of_them(cluster, tmp_path):
+def test_members_of_a_sweep_outlive_a_signal_and_are_queued_again(cluster, tmp_path):
     pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
     sweep = tmp_path / "sweep"
     words = [
         sys.executable, "-c", "from lfref.cli.main import main; main()", "train", "--multirun",
-        *TRAINING, "data.n_fields=6", "trainer.max_epochs=40", "net.n_blocks=1,-1", f"output={sweep}",
+        *TRAINING, "data.n_fields=6", "trainer.max_epochs=100", "net.n_blocks=1,-1", f"output={sweep}",
         "hydra/launcher=submitit_slurm",
-        "hydra.launcher.partition=hasty", "hydra.launcher.timeout_min=20", "hydra.launcher.cpus_per_task=1",
+        "hydra.launcher.timeout_min=20", "hydra.launcher.cpus_per_task=1",
         "hydra.launcher.mem_gb=null",
     ]  # fmt: skip
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
     try:
         wait_until((sweep / "0" / "checkpoints" / "last.ckpt").exists, "the member must start", process)
         (folder,) = (sweep / ".submitit").glob("*_0")
-        preempt(folder.name)
+        begun = step_of(sweep / "0" / "checkpoints" / "last.ckpt")
+        run("scancel", "--signal=TERM", folder.name)  # as at the beginning of a preemption
+        wait_until(lambda: step_of(sweep / "0" / "checkpoints" / "last.ckpt") > begun + 6, "it must go on", process)
+        run("scontrol", "requeue", folder.name)  # as at its end
+        wait_until(lambda: "JobState=PENDING" in facts(folder.name), "the member must wait in the queue")
+        start_waiting()
         errors = process.communicate(timeout=LIMIT_S)[1]
     finally:
         process.kill()
     assert process.returncode == 1, errors
     assert "one of the runs failed" in errors
     assert "net.n_blocks=-1" in errors.splitlines()[-1]
-    assert torch.load(sweep / "0" / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == 39
+    assert torch.load(sweep / "0" / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == 99
 
 
-def test_a_shard_that_is_preempted_does_what_is_left(cluster, tmp_path):
+def test_a_shard_that_is_queued_again_does_what_is_left(cluster, tmp_path):
     pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
-    field, _ = cases.scene(size=(192, 256))  # takes a second or two
+    field, _ = cases.scene(size=(288, 384))  # takes two seconds or more
     for index in range(24):
         write.write(tmp_path / "captures" / f"field_{index:02d}", field)
     words = [
         sys.executable, "-c", "from lfref.cli.main import main; main()", "refocus", "--multirun", tmp_path / "captures",
         "shard=1/2,2/2", "method=occlusion_aware", "correct=none", f"output={tmp_path}/out",
-        "hydra/launcher=submitit_slurm", "hydra.launcher.partition=hasty", "hydra.launcher.timeout_min=20",
+        "hydra/launcher=submitit_slurm", "hydra.launcher.timeout_min=20",
         "hydra.launcher.cpus_per_task=1", "hydra.launcher.mem_gb=null",
     ]  # fmt: skip
     process = subprocess.Popen(list(map(str, words)), stderr=subprocess.PIPE, text=True)
     try:
         wait_until(lambda: len(list((tmp_path / "out").glob("0/field_*"))) > 1, "a shard must have begun", process)
         (folder,) = (tmp_path / "out" / ".submitit").glob("*_0")
-        preempt(folder.name)
+        run("scontrol", "requeue", folder.name)  # preemption may take longer than the shard
+        wait_until(lambda: "JobState=PENDING" in facts(folder.name), "the shard must wait in the queue")
         first = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("0/field_*/stack.exr")}
+        start_waiting()
         errors = process.communicate(timeout=LIMIT_S)[1]
     finally:
         process.kill()
     assert process.returncode == 0, errors
-    assert 0 < len(first) < 12, "preempted in between"
+    assert 0 < len(first) < 12, "it was ended in between"
     assert len(list((tmp_path / "out").glob("[01]/field_*/stack.exr"))) == 24
     assert all(path.stat().st_mtime_ns == time_ns for path, time_ns in first.items())
