@@ -144,8 +144,6 @@ def page_content(methods: Mapping[str, Refocused], aperture: Tensor | None = Non
     middle = first.field.views[tuple(length // 2 for length in first.field.grid)]
     small = coding.smallest(first.encoded(middle)).coding
     encode = small.uri if len(methods) == 1 else LOSSLESS.uri
-    known = Cameras.from_metadata(first.field.metadata)
-    cameras = None if known is None else known.dioptres(first.field.size)
     ends = disparity_colours.ends(slopes, first.planes.values)
     return {
         "size": list(first.field.size),
@@ -154,9 +152,7 @@ def page_content(methods: Mapping[str, Refocused], aperture: Tensor | None = Non
         "crop": _crop(first.field),
         "slopes": values,
         "near": near,
-        "dioptres": None
-        if cameras is None
-        else [number * sign for number, sign in zip(cameras, (1, near), strict=True)],
+        "dioptres": _dioptres(first.field, near),
         "shape": "square" if aperture is None else "own",
         "aperture": None if aperture is None else _rounded(aperture / aperture.max()),
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
@@ -171,6 +167,15 @@ def page_content(methods: Mapping[str, Refocused], aperture: Tensor | None = Non
         "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(disparity_colours.coloured(_bar(*ends), *ends))},
         "views": _views(first, slopes, small),
     }
+
+
+def _dioptres(field: LightField, near: int) -> list[float] | None:
+    """1 / distance at slope 0 and its growth per slope, in 1 / metres; None where the cameras are not known."""
+    cameras = Cameras.from_metadata(field.metadata)
+    if cameras is None:
+        return None
+    at_zero, growth = cameras.dioptres(field.size)
+    return [at_zero, near * growth]
 
 
 def _rounded(weights: Tensor) -> list[list[float]]:

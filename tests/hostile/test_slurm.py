@@ -1,4 +1,4 @@
-"""Training under SLURM: a real scheduler with two nodes, both on this machine, whose jobs are preempted.
+"""Jobs under SLURM that get SIGTERM and are queued again: its own scheduler, with two nodes on this machine.
 
 Jobs of the partition `urgent` take the nodes from others, which get SIGTERM and, `GraceTime` later, SIGKILL.
 """

@@ -56,7 +56,7 @@ def test_an_aperture_shrinks_where_it_would_leave_the_grid():
 
 def test_shapes_are_what_they_are_called():
     points = [[1, 0], [0, 1], [0.9, 0.9], [0, -1]]
-    # A place on the edge of an aperture of width 2 n - 1 counts by half where its norm is n.
+    # At width 1, a place of norm n, between 1/2 and 3/2, has the weight 3/2 - n.
     norms = computed(
         "Object.fromEntries(Object.keys(SHAPES).map((k) => [k, points.map(([x, y]) => 1.5 - SHAPES[k](x, y, 1))]))",
         points=points,

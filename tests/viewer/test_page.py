@@ -118,8 +118,7 @@ def open_drawer(tab):
 
 def half_open(tmp_path):
     """A picture whose left half is open."""
-    Image.new("L", (40, 40), 0).save(tmp_path / "half.png")
-    picture = Image.open(tmp_path / "half.png").copy()
+    picture = Image.new("L", (40, 40), 0)
     picture.paste(255, (0, 0, 20, 40))
     picture.save(tmp_path / "half.png")
     return tmp_path / "half.png"
@@ -142,7 +141,7 @@ def test_a_picture_becomes_the_aperture_here_as_in_the_methods(opened, tmp_path)
     assert float(psnr(inner(drawn), inner(other).double())) < 30
 
 
-def test_the_distance_in_focus_is_told_where_the_cameras_are_known(browser, tmp_path):
+def test_the_page_gives_the_distance_in_focus_where_the_cameras_are_known(browser, tmp_path):
     only = cases.methods()["linear"]
     known = {"focal length": "50 mm", "sensor size": "25 mm", "baseline": "4 mm", "focus distance": "2 m"}
     field = dataclasses.replace(only.field, metadata=known)
@@ -165,9 +164,9 @@ def test_a_file_that_is_no_picture_or_black_leaves_the_aperture(opened, tmp_path
     open_drawer(tab)
     (tmp_path / "text.png").write_text("no picture")
     Image.new("L", (8, 8), 0).save(tmp_path / "black.png")
-    for name, said in (("text.png", "text.png is not a picture"), ("black.png", "nothing would be open")):
+    for name, message in (("text.png", "text.png is not a picture"), ("black.png", "nothing would be open")):
         tab.set_input_files("#shape_file", tmp_path / name)
-        tab.wait_for_function("(said) => find('status').textContent.includes(said)", arg=said)
+        tab.wait_for_function("(text) => find('status').textContent.includes(text)", arg=message)
         assert state(tab)["shape"] == "square"
 
 
