@@ -31,6 +31,7 @@ from lfref.export import graphs
 from lfref.export.graphs import Samples
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocuser.networks import learned_fast
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
@@ -46,6 +47,7 @@ METHODS = {
     "shift_and_sum_through_cells": shift_and_sum_through_cells,
     "shift_and_sum_exact": functools.partial(shift_and_sum, interpolation="exact"),
     "exact_fourier": exact_fourier,
+    "separable_wiener": separable_wiener,
     "learned_fast": learned_fast().full_precision(),
 }
 

@@ -44,8 +44,11 @@ def export(workload: EngineWorkload, free: Sequence[Iterable[int]] | None = None
     places = [(images.ndim - 2, images.ndim - 1) for images in workload.example] if free is None else free
     axes = tuple(dict.fromkeys(of_input, torch.export.Dim.DYNAMIC) for of_input in places)
     with quiet():
-        program = torch.onnx.export(workload.network, workload.example, dynamo=True, dynamic_shapes=axes, verbose=False)
-    assert program is not None
+        program = torch.onnx.export(
+            workload.network, workload.example, dynamo=True, dynamic_shapes=axes, verbose=False, optimize=False
+        )
+        assert program is not None
+        _simplify(program.model)
     model = program.model_proto
     # Remove the exporter's notes: stack traces with paths of this machine, and names of Python objects.
     parts = (model.graph, *model.graph.node, *model.graph.initializer, *model.graph.value_info)
@@ -53,6 +56,30 @@ def export(workload: EngineWorkload, free: Sequence[Iterable[int]] | None = None
         part.ClearField("metadata_props")
         part.ClearField("doc_string")
     return model
+
+
+def _simplify(model: Any) -> None:
+    """Compute what is constant, and remove what nothing reads, in place.
+
+    PyTorch's own optimiser also tries patterns at each operator, which takes minutes for large graphs; runtimes have
+    such patterns themselves.
+    """
+    from onnx_ir.passes import Sequential, common
+    from onnxscript import optimizer
+
+    optimizer.inline(model)
+    optimizer.fold_constants(model, onnx_shape_inference=True)
+    passes = (
+        common.IdentityEliminationPass(),
+        common.RemoveUnusedNodesPass(),
+        common.RemoveUnusedFunctionsPass(),
+        common.RemoveUnusedOpsetsPass(),
+        common.LiftConstantsToInitializersPass(lift_all_constants=True, size_limit=0),
+        common.DeduplicateInitializersPass(),
+        common.CommonSubexpressionEliminationPass(),
+        common.NameFixPass(),
+    )
+    Sequential(*passes)(model)
 
 
 def quantise(model: Any, patches: Sequence[Inputs]) -> Any:

@@ -22,11 +22,13 @@ from lfref.engines.files.manifest import FEATURES, MIXED, SLOPES, VIEWS, Graph, 
 from lfref.errors import InputError, chosen
 from lfref.export.mixed_graph import Mixed
 from lfref.export.operator_graphs import Aperture, Deployed, Filled, FourierSum, SumByMatrices, SumByTaps, ThroughCells
+from lfref.export.wiener_graph import SeparableWiener
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.nets.mixer import Mixer
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocuser import networks
 from lfref.refocuser.features import refiner_inputs
@@ -185,6 +187,7 @@ OPERATORS: dict[Operator, Callable[..., nn.Module]] = {
     shift_and_sum: _sum_graph,
     shift_and_sum_through_cells: ThroughCells,
     exact_fourier: FourierSum,
+    separable_wiener: SeparableWiener,
 }
 """Operator -> (aperture, options of the operator) -> module: light and slopes -> stack."""
 

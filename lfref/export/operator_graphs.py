@@ -68,6 +68,7 @@ class Aperture(nn.Module):
 
     def __init__(self, grid: tuple[int, int], weights: Sequence[Sequence[float]] | None) -> None:
         super().__init__()
+        self.grid = grid
         given = None if weights is None else torch.tensor(weights, dtype=torch.float64)
         self.register_buffer("rows", geometry.angular_offsets(grid[0]).float())
         self.register_buffer("columns", geometry.angular_offsets(grid[1]).float())
@@ -75,7 +76,7 @@ class Aperture(nn.Module):
 
     def shifts(self, slopes: Tensor) -> tuple[Tensor, Tensor]:
         """Shift of each view row and of each view column in pixels, [N, V] and [N, U]."""
-        rows, columns = (_snapped(slopes[:, None] * offsets) for offsets in (self.rows, self.columns))
+        rows, columns = (snapped(slopes[:, None] * offsets) for offsets in (self.rows, self.columns))
         return rows, columns
 
     def coverage(
@@ -140,7 +141,11 @@ class SumByTaps(nn.Module):
             turned = turned.reshape(n_planes * height, padded * n_channels)
             total = total + _products(turned, (down[0][:, v] + own)[:, :, None], down[1][:, v, :, :, None])
         # `narrow` has exactly this length, while a slice would have what the exporter cannot compare with it.
-        whole = total.reshape(n_planes, -1, padded, n_channels).narrow(1, 0, height).narrow(2, 0, width)
+        whole = (
+            total.reshape(n_planes, down[0].shape[2] * BLOCK, padded, n_channels)
+            .narrow(1, 0, height)
+            .narrow(2, 0, width)
+        )
         stack = whole.permute(0, 3, 1, 2)
         counts_only_samples = BORDERS[self.border].counts_only_samples
         return stack, self.aperture.coverage(rows, columns, (height, width), factors) if counts_only_samples else None
@@ -156,7 +161,7 @@ class SumByTaps(nn.Module):
         samples = starts + torch.arange(n_samples) - self.interpolation.before
         source = whole.long()[:, :, None, None] + samples
         if self.border == "wrap":
-            return _wrapped(source, length), matrix.expand(-1, -1, starts.shape[0], -1, -1)
+            return wrapped(source, length), matrix.expand(-1, -1, starts.shape[0], -1, -1)
         index = source.clamp(min=0).clamp(max=length - 1)
         if self.border == "zero":
             return index, matrix * (index == source).float()[:, :, :, None]
@@ -201,21 +206,21 @@ class SumByMatrices(nn.Module):
     def _matrices(self, shifts: Tensor, length: int, reach: Tensor, enough: int) -> Tensor:
         """What each output sample takes of each sample, [N, u, L, L]; no axis reaches farther than `enough` samples."""
         is_periodic = self.border == "wrap"
-        period = _number(length) if is_periodic else length + 2 * reach
+        period = number(length) if is_periodic else length + 2 * reach
         whole = shifts.floor()
         # The kernel at whole distances from -3 `enough` on, and its running sum.
         distances = torch.arange(6 * enough) - 3 * enough
         kernel = _periodic_sinc(distances, (shifts - whole)[..., None], period)
         x = torch.arange(length)
         moved = whole.long()[..., None] + x + 3 * enough  # place of the distance to sample 0, [N, u, L]
-        matrix = _gathered(kernel, moved[..., None] - x)
+        matrix = gathered(kernel, moved[..., None] - x)
         if self.border in ("renormalize", "edge"):
             # The first and the last sample continue beyond the edges, and fade into each other at the seam.
             sums = kernel.cumsum(-1)
             plain = reach - SEAM
-            before = _gathered(sums, moved + plain) - _gathered(sums, moved)
-            after = _gathered(sums, moved - length) - _gathered(sums, moved - length - plain)
-            seam = _gathered(kernel, moved[..., None] - (length + plain) - torch.arange(2 * SEAM)) @ self.fade
+            before = gathered(sums, moved + plain) - gathered(sums, moved)
+            after = gathered(sums, moved - length) - gathered(sums, moved - length - plain)
+            seam = gathered(kernel, moved[..., None] - (length + plain) - torch.arange(2 * SEAM)) @ self.fade
             last = after + seam[..., 0]
             first = before + seam[..., 1]
             matrix = matrix + first[..., None] * (x == 0).float() + last[..., None] * (x == length - 1).float()
@@ -239,40 +244,21 @@ class FourierSum(nn.Module):
 
     def forward(self, light: Tensor, slopes: Tensor) -> Tensor:
         """Refocus."""
-        n_rows, n_columns, n_channels, height, width = light.shape
-        n_planes, n_frequencies = slopes.shape[0], width // 2 + 1
         rows, columns = self.aperture.shifts(slopes)
         widths = self.fill * (slopes - self.disparity)
-        down = self._circulants(rows, widths, height)  # [N, V, H, H]
-        cosines, sines = _waves(width)  # [K, W]
-        forward = torch.stack([cosines, -sines], 1).reshape(2 * n_frequencies, width)
-        factors = self._factors(columns, widths, width)  # [2, N, U, K]
-        real, imaginary = factors[0], factors[1]
-        # A complex product as one of real matrices, [N, 2, U, 2, K].
-        matrix = torch.stack([torch.stack([real, -imaginary], 2), torch.stack([imaginary, real], 2)], 1)
+        down = self._circulants(rows, widths, light.shape[3])
         # The mean stays as it is; in the spectrum it would be by far the largest number, and round as such.
         mean = light.mean((0, 1, 3, 4), keepdim=True)
-        light = light - mean
-        total = torch.zeros(())
-        for v in range(n_rows):
-            line = light[v].permute(0, 3, 1, 2).reshape(n_columns, width, n_channels * height)
-            spectra = (forward @ line).reshape(n_columns, n_frequencies, 2, n_channels * height)
-            mixing = (matrix * self.aperture.weights[v][:, None, None]).permute(4, 0, 1, 2, 3)
-            mixing = mixing.reshape(n_frequencies, 2 * n_planes, 2 * n_columns)
-            mixed = mixing @ spectra.permute(1, 0, 2, 3).reshape(n_frequencies, 2 * n_columns, n_channels * height)
-            by_plane = mixed.reshape(n_frequencies, n_planes, -1).transpose(0, 1)
-            total = total + by_plane.reshape(n_planes, -1, height) @ down[:, v].transpose(1, 2)
-        inverse = _inverse(cosines, sines, width).reshape(2 * n_frequencies, width).transpose(0, 1)
-        sums = inverse @ total.reshape(n_planes, 2 * n_frequencies, n_channels * height)
-        return sums.reshape(n_planes, width, n_channels, height).permute(0, 2, 3, 1) + mean[0]
+        factors = self._factors(columns, widths, light.shape[4])
+        return filter_and_sum(light - mean, factors, down, self.aperture.weights) + mean[0]
 
     def _factors(self, shifts: Tensor, widths: Tensor, length: int) -> Tensor:
         """Real and imaginary part of the factor of each frequency of half a spectrum, [2, N, u, K]."""
         k = torch.arange(length // 2 + 1)
         whole = shifts.floor()
-        turns = _wrapped(whole.long()[..., None] * k, length).float() + (shifts - whole)[..., None] * k
-        angles = turns * (2 * math.pi) / _number(length)
-        blur = _sinc(widths[:, None, None] * k / _number(length))
+        turns = wrapped(whole.long()[..., None] * k, length).float() + (shifts - whole)[..., None] * k
+        angles = turns * (2 * math.pi) / number(length)
+        blur = _sinc(widths[:, None, None] * k / number(length))
         is_nyquist = (2 * k == length).float()
         return torch.stack([angles.cos() * blur, angles.sin() * (1 - is_nyquist) * blur])
 
@@ -282,7 +268,47 @@ class FourierSum(nn.Module):
         inverse = _inverse(*_waves(length), length)
         kernel = factors[0] @ inverse[:, 0] + factors[1] @ inverse[:, 1]
         y = torch.arange(length)
-        return _gathered(kernel, _wrapped(y[:, None] - y, length).expand(*shifts.shape, -1, -1))
+        return gathered(kernel, wrapped(y[:, None] - y, length).expand(*shifts.shape, -1, -1))
+
+
+def filter_and_sum(light: Tensor, factors: Tensor, down: Tensor, weights: Tensor | None = None) -> Tensor:
+    """Sum of filtered views of a light field [V, U, C, H, W], whose rows are periods, [N, C, h, W].
+
+    Args:
+        light: Views.
+        factors: Real and imaginary part of what multiplies each frequency of half a row's spectrum, [2, N, U, K].
+        down: What each row of a plane takes of each row of the views, [N, V, h, H].
+        weights: Of the views, [V, U]; None: 1.
+    """
+    n_rows, n_columns, n_channels, height, width = light.shape
+    n_planes, n_frequencies = factors.shape[1], width // 2 + 1
+    # Even parts of rows have cosines only, odd parts sines: half a row of each takes half of the products.
+    x = torch.arange(n_frequencies)
+    opposite = wrapped(-x, width)
+    is_pair = (opposite != x).float()[:, None]
+    cosines, sines = (waves.narrow(1, 0, n_frequencies) for waves in _waves(width))  # [K, K]
+    real, imaginary = factors[0], factors[1]
+    # A complex product as one of real matrices, [N, 2, U, 2, K].
+    matrix = torch.stack([torch.stack([real, -imaginary], 2), torch.stack([imaginary, real], 2)], 1)
+    total = torch.zeros(())
+    for v in range(n_rows):
+        line = light[v].reshape(n_columns, n_channels * height, width).transpose(1, 2)
+        first, last = line.index_select(1, x), line.index_select(1, opposite)
+        parts = torch.stack([cosines @ (first + is_pair * last), sines @ (last - first)], 2)
+        spectra = parts.reshape(n_columns, n_frequencies, -1).transpose(0, 1)
+        weighted = matrix if weights is None else matrix * weights[v][:, None, None]
+        mixing = weighted.reshape(-1, n_frequencies).transpose(0, 1).reshape(n_frequencies, 2 * n_planes, -1)
+        mixed = mixing @ spectra.reshape(n_frequencies, 2 * n_columns, n_channels * height)
+        by_plane = mixed.reshape(n_frequencies, n_planes, -1).transpose(0, 1)
+        total = total + by_plane.reshape(n_planes, -1, height) @ down[:, v].transpose(1, 2)
+    sums = total.reshape(n_planes, n_frequencies, 2, -1)
+    inverse = _inverse(cosines, sines, width)
+    even, odd = (inverse[:, part].transpose(0, 1) @ sums[:, :, part] for part in (0, 1))
+    # Columns 0 to W / 2, then the opposite ones.
+    column = torch.arange(width)
+    place = torch.minimum(column, width - column) + n_frequencies * (column >= n_frequencies).long()
+    whole = torch.cat([even + odd, even - odd], 1).index_select(1, place)
+    return whole.transpose(1, 2).reshape(n_planes, n_channels, down.shape[2], width)
 
 
 class Filled(nn.Module):
@@ -339,7 +365,7 @@ class ThroughCells(nn.Module):
 def cell_widths(light: Tensor, slopes: Tensor, disparities: Tensor) -> Tensor:
     """Width of the box that blurs each plane in pixels, [N], for a range of `Disparities`."""
     widths = cells.cell_widths(slopes, DisparityRange(*disparities.unbind()))  # type: ignore[arg-type]
-    size = torch.minimum(_number(light.shape[3]), _number(light.shape[4]))
+    size = torch.minimum(number(light.shape[3]), number(light.shape[4]))
     return torch.minimum(widths, size.float())
 
 
@@ -366,7 +392,7 @@ class Disparities(nn.Module):
 
     def forward(self, light: Tensor) -> Tensor:
         """Estimate the range."""
-        sizes = [_number(length) for length in light.shape[3:]]
+        sizes = [number(length) for length in light.shape[3:]]
         factor = torch.div(torch.minimum(*sizes), cells.SMALLEST, rounding_mode="floor").clamp(min=1)
         factor = factor.clamp(max=cells.REDUCTION)
         # Reduced views stand in the corner of pictures of full size, since graphs know no other size.
@@ -466,7 +492,7 @@ class Box(nn.Module):
         inside = 1 / widths.clamp(min=1)[:, None]  # boxes of less than four pixels have fitted taps only
         taps = torch.where(is_end, fitted, torch.where(place < 0, inside, torch.zeros(())))
         x = torch.arange(length)
-        matrix = _gathered(taps, (x[:, None] - x).abs().expand(widths.shape[0], -1, -1))
+        matrix = gathered(taps, (x[:, None] - x).abs().expand(widths.shape[0], -1, -1))
         if self.border != "edge":
             return matrix
         # What lies beyond an edge is taken of the outermost sample: whatever lacks of a sum of 1.
@@ -476,18 +502,18 @@ class Box(nn.Module):
         return matrix + first + last
 
 
-def _snapped(shifts: Tensor) -> Tensor:
+def snapped(shifts: Tensor) -> Tensor:
     """Shifts; what is within float32's rounding of a whole or half pixel is taken as such."""
     halves = (2 * shifts).round()
     return torch.where((2 * shifts - halves).abs() <= ROUNDING * halves.abs(), halves / 2, shifts)
 
 
-def _wrapped(places: Tensor, length: int) -> Tensor:
+def wrapped(places: Tensor, length: int) -> Tensor:
     """Integers modulo a length."""
-    return places.remainder(_number(length))
+    return places.remainder(number(length))
 
 
-def _number(length: int) -> Tensor:
+def number(length: int) -> Tensor:
     """A free length as a tensor: exporters know few operations of plain numbers, and files would need more of them."""
     return torch.full((), length)
 
@@ -512,12 +538,12 @@ def _products(data: Tensor, index: Tensor, weights: Tensor) -> Tensor:
         [N, M * 8, K].
     """
     n_planes, n_blocks, n_sums = weights.shape[:3]
-    matrix = weights.reshape(n_planes * n_blocks, n_sums, -1)
+    matrix = weights.reshape(n_planes * n_blocks, n_sums, math.prod(weights.shape[3:]))
     rows = data.index_select(0, index.reshape(-1)).reshape(n_planes * n_blocks, matrix.shape[2], data.shape[1])
     return (matrix @ rows).reshape(n_planes, n_blocks * n_sums, data.shape[1])
 
 
-def _gathered(values: Tensor, places: Tensor) -> Tensor:
+def gathered(values: Tensor, places: Tensor) -> Tensor:
     """`values` [..., R] at places [..., *any]: [..., *any], by one index that counts through all values."""
     n_leading, length = values.ndim - 1, values.shape[-1]
     number = torch.arange(math.prod(values.shape[:-1])) * length
@@ -548,12 +574,12 @@ def _periodic_sinc(whole: Tensor, fraction: Tensor, period: Tensor) -> Tensor:
 def _waves(length: int) -> tuple[Tensor, Tensor]:
     """Cosines and sines of half a spectrum, [K, L]."""
     k, x = torch.arange(length // 2 + 1), torch.arange(length)
-    angles = _wrapped(k[:, None] * x, length) * (2 * math.pi) / _number(length)
+    angles = wrapped(k[:, None] * x, length) * (2 * math.pi) / number(length)
     return angles.cos(), angles.sin()
 
 
 def _inverse(cosines: Tensor, sines: Tensor, length: int) -> Tensor:
     """Samples of a real signal from half its spectrum: weights of real and imaginary parts, [K, 2, L]."""
     k = torch.arange(length // 2 + 1)
-    share = torch.where((k == 0) | (2 * k == length), torch.ones(()), torch.full((), 2.0)) / _number(length)
+    share = torch.where((k == 0) | (2 * k == length), torch.ones(()), torch.full((), 2.0)) / number(length)
     return torch.stack([cosines, -sines], 1) * share[:, None, None]

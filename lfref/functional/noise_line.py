@@ -23,6 +23,8 @@ QUIET_BLOCKS, QUIET_FREQUENCIES = 0.1, 0.25
 """Shares of a level's blocks, and of the frequencies, that count as quiet."""
 QUIET_VARIANCE = 0.097
 """What is measured there of pure noise of variance 1: about the first tenth of an exponential distribution."""
+BRIGHTEST = 0.95
+"""Light from which blocks may be clipped, and do not count."""
 LEAST_BLOCKS = 500
 """Least number of blocks in a level."""
 SAMPLES = 1 << 19
@@ -43,8 +45,12 @@ def measure(field: LightField) -> tuple[float, float]:
     if min(pictures.shape[-2:]) < BLOCK + 2:
         return 0.0, 0.0
     light, variance = blocks(pictures)
-    usable = (light > 0) & (light < 0.95) & variance.isfinite().all(1)
-    return _line(*_quietest(light[usable], variance[usable]))
+    usable = (light > 0) & (light < BRIGHTEST) & variance.isfinite().all(1)
+    levels, quiet = (each.double() for each in _quietest(light[usable], variance[usable]))
+    if not len(levels):
+        return 0.0, 0.0
+    shot, read = fitted_line(levels, quiet, torch.ones_like(levels))
+    return float(shot), float(read)
 
 
 def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
@@ -55,27 +61,38 @@ def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
     Args:
         pictures: Pictures of at least 10 x 10 pixels, [B, H, W].
     """
-    power = _power(pictures)
-    # Impulses say what each frequency takes of white noise.
-    impulses = torch.eye((BLOCK + 2) ** 2, device=pictures.device).unflatten(1, (BLOCK + 2, BLOCK + 2))
-    light = F.avg_pool2d(pictures[None, :, 1:-1, 1:-1], BLOCK)[0]
-    return light.flatten(), power / _power(impulses).sum(0)
-
-
-def _power(pictures: Tensor) -> Tensor:
-    """Power of the blocks of pictures [B, H, W] at high frequencies along both axes, [M, F]."""
+    inner = pictures[:, 1:-1, 1:-1]
+    n_down, n_across = inner.shape[1] // BLOCK, inner.shape[2] // BLOCK
     # Second differences along both axes remove smooth parts.
     across = pictures[..., 2:] - 2 * pictures[..., 1:-1] + pictures[..., :-2]
     rough = across[:, 2:] - 2 * across[:, 1:-1] + across[:, :-2]
-    each = rough.unfold(1, BLOCK, BLOCK).unfold(2, BLOCK, BLOCK).flatten(0, 2)
-    window = torch.hann_window(BLOCK, device=pictures.device)
-    spectra = torch.fft.rfft2(each * window[:, None] * window)
+    whole = rough[:, : n_down * BLOCK, : n_across * BLOCK].unflatten(2, (n_across, BLOCK))
+    each = whole.unflatten(1, (n_down, BLOCK)).transpose(2, 3).reshape(-1, BLOCK**2)
+    spectra = each @ WAVES.to(each.device)
+    power = spectra.square().unflatten(1, (2, -1)).sum(1)
+    return F.avg_pool2d(inner[None], BLOCK)[0].flatten(), power / POWER.to(each.device)
+
+
+def _waves() -> tuple[Tensor, Tensor]:
+    """Real and imaginary parts of a block's high frequencies, [BLOCK BLOCK, 2 F], and their power in the second
+    differences of white noise of variance 1, [F]."""
+    window = torch.hann_window(BLOCK)
+    impulses = torch.eye(BLOCK**2).unflatten(1, (BLOCK, BLOCK))
     # From a quarter of a cycle per pixel on; the very last frequency, which is real, is distributed differently.
     quarter, half = BLOCK // 4, BLOCK // 2
-    high = spectra[:, quarter : BLOCK - quarter + 1, quarter:].abs().square()
-    is_last = torch.zeros(high.shape[1:], dtype=torch.bool, device=pictures.device)
+    high = torch.fft.rfft2(impulses * window[:, None] * window)[:, quarter : BLOCK - quarter + 1, quarter:]
+    is_last = torch.zeros(high.shape[1:], dtype=torch.bool)
     is_last[half - quarter, half - quarter] = True
-    return high[:, ~is_last]
+    chosen = high[:, ~is_last]
+    # What each frequency takes of each pixel of the block and of its border.
+    differences = torch.tensor([1.0, -2.0, 1.0])
+    filters = (differences[:, None] * differences)[None, None]
+    taken = [F.conv_transpose2d(part.T.unflatten(1, (1, BLOCK, BLOCK)), filters) for part in (chosen.real, chosen.imag)]
+    power = sum(part.square().sum((1, 2, 3)) for part in taken)
+    return torch.cat([chosen.real, chosen.imag], 1), torch.as_tensor(power)
+
+
+WAVES, POWER = _waves()
 
 
 def _quietest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
@@ -97,25 +114,32 @@ def _lowest(values: Tensor, share: float) -> Tensor:
     return values.kthvalue(max(1, round(share * len(values))), 0).values
 
 
-def _line(light: Tensor, variance: Tensor) -> tuple[float, float]:
-    """(a, b), both at least 0, of the line a x + b that fits the lowest variances: texture only adds variance."""
-    if not len(light) or not float(variance.max()) > 0:
-        return 0.0, 0.0
-    x, y = light.double(), variance.double()
-    weight = (y + 1e-3 * y.max()) ** -2
+def fitted_line(light: Tensor, variance: Tensor, counts: Tensor) -> tuple[Tensor, Tensor]:
+    """(a, b), both at least 0, of the line a x + b that fits the lowest variances: texture only adds variance.
+
+    Args:
+        light: Levels of light, float64, [n].
+        variance: At each level, [n].
+        counts: 1, or 0 for levels that do not count, [n].
+    """
+    scale = (counts * variance).amax(0).clamp(min=torch.finfo(torch.float32).tiny)
+    relative = variance / scale
+    weight = counts * (relative + 1e-3) ** -2
+    shot = read = torch.zeros_like(scale)
     for _ in range(10):
-        shot, read = _least_squares(x, y, weight)
-        above = y / (shot * x + read).clamp(min=1e-12) - 1
+        shot, read = _least_squares(light, relative, weight)
+        above = relative / (shot * light + read).clamp(min=1e-12) - 1
         # Texture only adds variance: levels above the line count less.
-        weight = (shot * x + read + 1e-3 * y.max()) ** -2 / (1 + (above.clamp(min=0) / 0.2).square()) ** 2
-    return shot, read
+        line = shot * light + read + 1e-3
+        weight = counts * line**-2 / (1 + (above.clamp(min=0) / 0.2).square()) ** 2
+    return scale * shot, scale * read
 
 
-def _least_squares(x: Tensor, y: Tensor, weight: Tensor) -> tuple[float, float]:
-    total, mean_x, mean_y = weight.sum(), (weight * x).sum() / weight.sum(), (weight * y).sum() / weight.sum()
+def _least_squares(x: Tensor, y: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
+    total = weight.sum().clamp(min=1e-12)
+    mean_x, mean_y = (weight * x).sum() / total, (weight * y).sum() / total
     slope = (weight * (x - mean_x) * (y - mean_y)).sum() / (weight * (x - mean_x).square()).sum().clamp(min=1e-12)
-    if slope <= 0 or float(total) == 0:
-        return 0.0, float(mean_y)
-    if slope * mean_x > mean_y:
-        return float((weight * x * y).sum() / (weight * x * x).sum()), 0.0
-    return float(slope), float(mean_y - slope * mean_x)
+    through_0 = (weight * x * y).sum() / (weight * x * x).sum().clamp(min=1e-12)
+    is_below_0, rises = slope * mean_x > mean_y, slope > 0
+    shot = torch.where(rises, torch.where(is_below_0, through_0, slope), 0.0)
+    return shot, torch.where(rises, torch.where(is_below_0, 0.0, mean_y - slope * mean_x), mean_y)

@@ -17,6 +17,7 @@ frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope, `t` tap; `N D K
 Apart from `wiener_filters`, which solves for the views of both axes together: more unknowns, at more frequencies.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -43,9 +44,9 @@ class AxisSpectrum(NamedTuple):
         return fading * torch.sinc(frequencies).square() * torch.where(frequencies.abs() <= 0.5, 1.0, self.aliased)
 
     @property
-    def mean_power(self) -> float:
+    def mean_power(self) -> Tensor:
         """Mean of S up to half a cycle per pixel: the power of white noise of the picture's variance."""
-        return float(self.power((torch.arange(1024, dtype=torch.float64) + 0.5) / 2048).mean())
+        return self.power((torch.arange(1024, dtype=torch.float64) + 0.5) / 2048).mean()
 
 
 class AxisEquations(NamedTuple):
@@ -54,9 +55,9 @@ class AxisEquations(NamedTuple):
     gram: Tensor
     """C of light at each disparity, [D, K, I, I]."""
     photographs: Tensor
-    """b of light at each disparity, [D, N, K, I]."""
+    """b of light at each disparity, [D, K, N, I]."""
     sums: Tensor
-    """b of light that no disparity explains, before the cell, [N, K, I]."""
+    """b of light that no disparity explains, before the cell, [K, N, I]."""
     power: Tensor
     """S, summed over the folds, [K]."""
 
@@ -88,24 +89,34 @@ def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights:
         weights: Of the views along the axis, symmetric, float64, [I].
         period: Twice the number of pixels that filters reach, even.
     """
-    n_views, k = len(weights), torch.fft.rfftfreq(period, dtype=torch.float64)
+    n_views, k = weights.shape[0], torch.arange(period // 2 + 1, dtype=torch.float64) / period
     q = k[:, None] + FOLDS
     power = spectrum.power(q)
     read = readings(disparities[:, None, None] * q, n_views)
-    gram = torch.einsum("km,dkmi,dkmj->dkij", power, read, read)
+    gram = (power[..., None] * read).transpose(2, 3) @ read
     of_pairs, of_central = weights[(n_views + 1) // 2 :], weights[n_views // 2 :][: n_views % 2]
-    photographs = []
-    for slope in slopes:
-        blurs = (slope - disparities)[:, None, None] * q
-        # A: the transform of the weights, and that of a cell.
-        lens = readings(blurs, n_views) @ torch.cat([of_pairs, torch.zeros_like(of_pairs), of_central])
-        photographs.append(torch.einsum("km,dkm,dkmi->dki", power, lens * torch.sinc(blurs), read))
+    blurs = (slopes - disparities[:, None])[..., None, None] * q
+    # A: the transform of the weights, and that of a cell.
+    lens = readings(blurs, n_views) @ torch.cat([of_pairs, torch.zeros_like(of_pairs), of_central])
+    photographs = (power * lens * torch.sinc(blurs)).transpose(1, 2) @ read
     # The plain sum reads each view at its shift, weighted.
-    sums = readings(slopes[:, None] * k, n_views) * torch.cat([of_pairs, of_pairs, of_central])
-    return AxisEquations(gram, torch.stack(photographs, 1), sums, power.sum(1))
+    sums = readings(k[:, None] * slopes, n_views) * torch.cat([of_pairs, of_pairs, of_central])
+    return AxisEquations(gram, photographs, sums, power.sum(1))
 
 
-def filters(spectrum: AxisSpectrum, table: AxisEquations, slopes: Tensor, shares: Tensor, means: Tensor) -> Tensor:
+def by_cholesky(matrices: Tensor, right: Tensor) -> Tensor:
+    """Solutions [..., N, I] for positive definite matrices [..., I, I] and right sides [..., N, I]."""
+    return torch.cholesky_solve(right.mT, torch.linalg.cholesky(matrices)).mT
+
+
+def filters(
+    spectrum: AxisSpectrum,
+    table: AxisEquations,
+    slopes: Tensor,
+    shares: Tensor,
+    means: Tensor,
+    solve: Callable[[Tensor, Tensor], Tensor] = by_cholesky,
+) -> Tensor:
     """The filters of priors: alphas, betas, and the central view's factor, float64, [B, N, K, I].
 
     Args:
@@ -114,18 +125,18 @@ def filters(spectrum: AxisSpectrum, table: AxisEquations, slopes: Tensor, shares
         slopes: In pixels per view step, float64, [N].
         shares: Probability of each disparity, together 1, [B, D].
         means: Disparity of what is unexplained, [B].
+        solve: As `by_cholesky`.
     """
-    n_frequencies = len(table.power)
+    n_frequencies = table.power.shape[0]
     k = torch.arange(n_frequencies, dtype=torch.float64) / (2 * (n_frequencies - 1))
     gram, right = _mixed(shares, table.gram), _mixed(shares, table.photographs)
-    cells = torch.sinc((slopes - means[:, None])[..., None] * k)
-    right = right + (spectrum.unexplained * table.power * cells)[..., None] * table.sums
+    cells = torch.sinc((slopes - means[:, None])[:, None] * k[:, None])
+    right = right + (spectrum.unexplained * table.power[:, None] * cells)[..., None] * table.sums
     # Noise of the other axis' views is averaged before or after: what one axis sees of it is that much less.
     n_views = gram.shape[-1]
     noise = spectrum.unexplained * table.power + spectrum.noise * spectrum.mean_power / n_views
-    factor = torch.linalg.cholesky(gram + torch.diag_embed(noise[:, None] * counts(n_views)))
-    solved = torch.cholesky_solve(right.movedim(1, 3), factor).movedim(3, 1)
-    return _with_level(solved, table.sums[:, 0].sum(-1))
+    matrices = gram + noise[:, None, None] * torch.diag(counts(n_views))
+    return _with_level(solve(matrices, right).transpose(1, 2), table.sums[0].sum(-1))
 
 
 def _mixed(shares: Tensor, table: Tensor) -> Tensor:
@@ -153,15 +164,20 @@ def kernels(filters: Tensor, centres: Tensor, n_taps: int) -> Tensor:
     n_frequencies, n_views = filters.shape[-2:]
     period, n_pairs = 2 * (n_frequencies - 1), n_views // 2
     alpha, beta, central = filters.split([n_pairs, n_pairs, n_views % 2], -1)
-    alphas = torch.cat([alpha.flip(-1), central, alpha], -1).mT
-    betas = torch.cat([-beta.flip(-1), torch.zeros_like(central), beta], -1).mT
+    alphas = torch.cat([alpha.flip(-1), central, alpha], -1).transpose(-2, -1)
+    betas = torch.cat([-beta.flip(-1), torch.zeros_like(central), beta], -1).transpose(-2, -1)
     # Turned by the centres, so that all views have the same table of taps.
-    waves = torch.arange(period, dtype=torch.float64) * (2 * torch.pi / period)
-    k, places = torch.arange(n_frequencies), torch.arange(period)
-    angles = waves[places[:, None] * k % period]
-    cos, sin = angles.cos()[centres.long() % period], angles.sin()[centres.long() % period]
+    waves = 2 * torch.pi * torch.arange(period, dtype=torch.float64) / period
+    k = torch.arange(n_frequencies)
+    cos, sin = (_at(values, centres.long()[..., None] * k) for values in (waves.cos(), waves.sin()))
     turned = torch.cat([alphas * cos + betas * sin, betas * cos - alphas * sin], -1)
-    taps = (k[:, None] * (torch.arange(n_taps) - n_taps // 2)) % period
+    taps = k[:, None] * (torch.arange(n_taps) - n_taps // 2)
     # Each frequency between 0 and 1/2 stands for its negative too.
     share = torch.where((k == 0) | (k == n_frequencies - 1), 1.0, 2.0)[:, None] / period
-    return turned @ torch.cat([share * waves.cos()[taps], share * waves.sin()[taps]])
+    return turned @ torch.cat([share * _at(waves.cos(), taps), share * _at(waves.sin(), taps)])
+
+
+def _at(values: Tensor, places: Tensor) -> Tensor:
+    """Values of one period, at places of any shape and any distance."""
+    inside = places.remainder(torch.full((), values.shape[0]))
+    return values.index_select(0, inside.reshape(-1)).reshape(places.shape)

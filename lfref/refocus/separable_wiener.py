@@ -14,12 +14,11 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.functional import memory, neighbours, noise_line
+from lfref.functional import memory, noise_line
 from lfref.geometry import Slopes
 from lfref.lightfield import LightField
 from lfref.refocus import axis_filters, batches
 from lfref.refocus.axis_filters import AxisSpectrum
-from lfref.refocus.disparity import cost_volume, matching
 from lfref.refocus.fourier import disparity_layers, layer_mixing
 from lfref.refocus.fourier.disparity_layers import Energies, bounded_by_views
 from lfref.refocus.fourier.exact import filter_and_sum
@@ -36,8 +35,6 @@ FAINT = 1e-4
 """Share of an aperture that is left out, of the largest of the products that it is the sum of."""
 N_LAYERS = 12
 """Number of disparities whose energies are estimated, at least."""
-NOISE = 4.0
-"""Variance of the noise over what detail shows of it, between samples, where interpolation averages some of it out."""
 
 
 class Term(NamedTuple):
@@ -136,30 +133,25 @@ def noise_share(field: Tensor, aperture: Tensor, energies: Energies) -> float:
     each view."""
     if int((aperture > 0).sum()) < 2:
         return 0.0
-    light = cost_volume.grey_views(field, aperture)
-    variance, mean = float(light.central.var()), float(light.central.mean())
-    # Gloss differs from view to view as noise does, but hardly from pixel to pixel: detail has little of it.
-    for view in torch.from_numpy(light.samples):  # one by one: the mean takes copies
-        view -= neighbours.binomial(view)
-    slopes = matching.slopes_between(float(energies.disparities[0]), float(energies.disparities[-1]))
-    # Noise of the channels is independent, and their mean has less of it.
-    between = NOISE * field.shape[2] * cost_volume.noise(light, slopes) ** 2
+    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in aperture.shape)
+    central = field.detach()[rows, columns].mean((0, 1, 2))
     # Aliased views differ without noise, and textures are rough without it: both measures are upper bounds.
     shot, read = noise_line.measure(LightField(field.detach()))
-    noise = min(between, shot * mean + read)
-    return noise / max(variance - noise / field.shape[2], noise, torch.finfo(torch.float32).tiny)
+    noise = min(energies.noise, shot * float(central.mean()) + read)
+    grey = noise / field.shape[2]  # noise of the channels is independent, and their mean has less of it
+    return noise / max(float(central.var()) - grey, noise, torch.finfo(torch.float32).tiny)
 
 
 def finer(energies: Energies) -> Energies:
     """A prior with disparities between those of even energies: light is at any disparity between two layers."""
-    known, shares = energies
+    known, shares = energies.disparities, energies.shares
     if len(known) == 1:
         return energies
     step = (known[-1] - known[0]) / (len(known) - 1)
     places = torch.arange(1 - FINER, FINER * len(known), dtype=torch.float64) / FINER
     weights = (1 - (places[:, None] - torch.arange(len(known))).abs()).clamp(min=0)
     finer_shares = weights @ shares
-    return Energies(known[0] + step * places, finer_shares / finer_shares.sum())
+    return Energies(known[0] + step * places, finer_shares / finer_shares.sum(), energies.noise)
 
 
 def products(aperture: Tensor) -> list[Term]:

@@ -22,6 +22,7 @@ from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.nets.refiner import Corrector
 from lfref.refocus import batches
+from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import disparity_range, shift_and_sum_through_cells
 from lfref.refocuser import filling, networks
 from lfref.refocuser.features import renamed
@@ -87,6 +88,10 @@ def load_exported(path: Path) -> Refocuser:
         raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
 
 
+FIND_DISPARITIES = (shift_and_sum_through_cells.__name__, separable_wiener.__name__, MIXED)
+"""Operators of files that estimate the disparities of the scene, as far as views move little."""
+
+
 class ExportedOperator(Refocuser):
     """Views and slopes -> stack by a runtime, on the CPU; it takes linear light, whatever encoding the file reads."""
 
@@ -96,7 +101,7 @@ class ExportedOperator(Refocuser):
         self.grid: tuple[int, int] = (int(n_rows), int(n_columns))
         chosen("samples", manifest.samples, SAMPLE_TYPES)
         self.samples, self.encoding = manifest.samples, parsed(manifest.encoding)
-        self.chooses_cells = manifest.config["operator"] in (shift_and_sum_through_cells.__name__, MIXED)
+        self.finds_disparities = manifest.config["operator"] in FIND_DISPARITIES
         self.n_channels = manifest.inputs[VIEWS][2]
 
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
@@ -114,11 +119,11 @@ class ExportedOperator(Refocuser):
             # The file has no input for weights.
             light = filling.filled(light, weight.to(light))
         fields = batches.flattened(light).float()
-        if self.chooses_cells and any(disparity_range(field).sure is not None for field in fields):
+        if self.finds_disparities and any(disparity_range(field).sure is not None for field in fields):
             raise InputError(
                 f"{self.name} as a file needs views that move by less than about 3 pixels per view step, less if small",
                 got="views that move farther",
-                remedy="use method=shift_and_sum_through_cells instead of the file",
+                remedy="use the method instead of its file",
             )
         samples = to_samples(fields, self.samples, self.encoding)
         stacks = torch.stack([_computed(self.run, field, planes) for field in samples])

@@ -91,8 +91,8 @@ def near(views):
     step = torch.zeros(20, 40)
     step[:, :4] = 4.0
     around = occlusion_aware._nearness(step, torch.tensor([1.2, 1.5, 4.0], dtype=torch.float64))
-    ends = _at(1.0)._replace(disparities=torch.tensor([-1.0, 1.0]))
-    return [*apart.std((1, 2, 3)), separable_wiener.noise_share(views, FULL, ends), *around.mean((1, 2, 3))]
+    noise = separable_wiener.noise_share(views, FULL, disparity_layers.estimate_energies(views, 5, FULL))
+    return [*apart.std((1, 2, 3)), noise, *around.mean((1, 2, 3))]
 
 
 def rows_and_columns(views):
@@ -249,7 +249,7 @@ RECORDED = {
     "energies": [-0.875, 1.375, -2.875, 5.375, -0.625, 1.125, -0.875, 2.125, 0.014697, 0.48657],
     "layers": [0.015149, 7, 7],
     "filtered": [24, 0.0020833, 0.0020833, 0.00083774, 961, 1, 0.6023, 0.0012369],
-    "near": [0.0073648, 0.0027044, 0.006775, 0.010574, 0.071308, 0.83333, 0.33333, 0.3],
+    "near": [0.0069088, 0.0019706, 0.0063658, 0.010526, 0.075376, 0.83333, 0.33333, 0.3],
     "rows_and_columns": [0.018874, 0.0036835, 0.011889, 1, 2, 3, 11],
     "blocks": [40, 0.074677, 0.39707, 0.46167, 0.22665, 0.21957, 0.2192, 0.8, 0.40667, 0.31, 0.49667, 0.32933, 1028],
     "volume": [0.0062529, 3.8792e-05, 0.00036],

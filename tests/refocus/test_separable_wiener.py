@@ -8,9 +8,9 @@ import torch
 from torch.nn import functional as F
 
 from lfref.errors import InputError
-from lfref.refocus import apertures, axis_filters
+from lfref.refocus import apertures, axis_filters, batches
 from lfref.refocus import separable_wiener as module
-from lfref.refocus.fourier.disparity_layers import Energies, refocus_by_layers
+from lfref.refocus.fourier.disparity_layers import Energies, estimate_energies, refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.separable_wiener import finer, noise_share, products, separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
@@ -107,9 +107,9 @@ def test_a_constant_field_stays_constant(grid):
 def test_noise_is_measured_and_helps(operator, first):
     views, truth = scene("discs")
     noisy = views + 0.03 * torch.randn(views.shape, generator=torch.Generator().manual_seed(3))
-    full, energies = torch.full((7, 7), 1 / 49), Energies(torch.tensor([-0.6, 0.5]).double(), torch.full((2,), 0.5))
-    assert noise_share(views, full, energies) < 1e-3
-    share = noise_share(noisy, full, energies)
+    full = batches.checked_weights(None, (7, 7))
+    assert noise_share(views, full, estimate_energies(views, 12, full)) < 1e-3
+    share = noise_share(noisy, full, estimate_energies(noisy, 12, full))
     assert share == pytest.approx(0.03**2 / float(views.mean(2)[3, 3].var()), rel=1)
     ours = psnr(operator(noisy, SLOPES), truth)
     with mock.patch.object(module, "noise_share", return_value=0.0):
@@ -120,8 +120,17 @@ def test_noise_is_measured_and_helps(operator, first):
 def test_a_single_view_shows_no_noise():
     pinhole = torch.zeros(3, 3)
     pinhole[1, 1] = 1.0
-    energies = Energies(torch.tensor([-0.6, 0.5]).double(), torch.full((2,), 0.5))
+    energies = Energies(torch.tensor([-0.6, 0.5]).double(), torch.full((2,), 0.5), noise=0.1)
     assert noise_share(torch.rand(3, 3, 1, 20, 20), pinhole, energies) == 0
+
+
+def test_texture_as_rough_as_white_noise_is_no_noise():
+    # Each view shows the same texture; within a view, nothing distinguishes it from noise.
+    texture = torch.rand(1, 3, 90, 120, generator=torch.Generator().manual_seed(4))
+    views = torch.stack([texture.roll((v, u), (2, 3)) for v in range(-2, 3) for u in range(-2, 3)])
+    views = views.reshape(5, 5, 3, 90, 120)
+    inner = (..., slice(30, -30), slice(30, -30))
+    assert float((separable_wiener(views, [1.0]) - texture)[inner].abs().max()) < 0.02
 
 
 @pytest.mark.parametrize(("operator", "mean_gain"), [(separable_wiener, -0.3), (occlusion_aware, 1)])

@@ -30,8 +30,8 @@ OPERATORS = {
     "Unsqueeze", "Where",
 }  # fmt: skip
 """Operators of ONNX that our networks and operators need: none of them repeats, branches, or reads files."""
-NUMBERS = {1, 3, 6, 7, 9, 10}
-"""Types of weights and sizes, as ONNX numbers them: float32, int8, int32, int64, bool, float16."""
+NUMBERS = {1, 3, 6, 7, 9, 10, 11}
+"""Types of weights and sizes, as ONNX numbers them: float32, int8, int32, int64, bool, float16, float64."""
 LARGEST = 2**31
 """Largest size of an ONNX file in bytes."""
 

@@ -51,8 +51,10 @@ OPERATORS = {
     "torch.ops.aten.abs.default": "tensor",
     "torch.ops.aten.add.Tensor": "tensor float int sym_int",
     "torch.ops.aten.addcmul.default": "tensor",
-    "torch.ops.aten.amax.default": "ints tensor",
+    "torch.ops.aten.amax.default": "ints tensor bool",
+    "torch.ops.aten.amin.default": "ints tensor",
     "torch.ops.aten.arange.default": "sym_int device bool int scalar_type",
+    "torch.ops.aten.arange.start": "int device bool scalar_type",
     "torch.ops.aten.arange.start_step": "sym_int device bool int",
     "torch.ops.aten.avg_pool2d.default": "tensor ints int",
     "torch.ops.aten.batch_norm.default": "tensor bool float",
@@ -62,6 +64,7 @@ OPERATORS = {
     "torch.ops.aten.conv2d.default": "tensor none ints int",
     "torch.ops.aten.cos.default": "tensor",
     "torch.ops.aten.cumsum.default": "int tensor",
+    "torch.ops.aten.diag.default": "tensor",
     "torch.ops.aten.div.Tensor": "float int sym_int tensor",
     "torch.ops.aten.div.Tensor_mode": "string tensor int",
     "torch.ops.aten.elu.default": "tensor float",
@@ -69,11 +72,12 @@ OPERATORS = {
     "torch.ops.aten.eq.Tensor": "tensor",
     "torch.ops.aten.exp.default": "tensor",
     "torch.ops.aten.expand.default": "sym_ints tensor",
+    "torch.ops.aten.eye.default": "int scalar_type device bool",
     "torch.ops.aten.flatten.using_ints": "tensor int",
     "torch.ops.aten.flip.default": "ints tensor",
     "torch.ops.aten.floor.default": "tensor",
     "torch.ops.aten.floor_divide.default": "tensor int",
-    "torch.ops.aten.full.default": "bool device float ints sym_int int",
+    "torch.ops.aten.full.default": "bool device float ints sym_int int scalar_type",
     "torch.ops.aten.gather.default": "int tensor",
     "torch.ops.aten.ge.Scalar": "tensor int float",
     "torch.ops.aten.ge.Tensor": "tensor",
@@ -84,6 +88,7 @@ OPERATORS = {
     "torch.ops.aten.hardsigmoid.default": "tensor",
     "torch.ops.aten.index_select.default": "tensor int",
     "torch.ops.aten.instance_norm.default": "tensor none bool float",
+    "torch.ops.aten.item.default": "tensor",
     "torch.ops.aten.le.Scalar": "float tensor",
     "torch.ops.aten.le.Tensor": "tensor",
     "torch.ops.aten.leaky_relu.default": "tensor float",
@@ -93,6 +98,7 @@ OPERATORS = {
     "torch.ops.aten.lt.Tensor": "tensor",
     "torch.ops.aten.matmul.default": "tensor",
     "torch.ops.aten.maximum.default": "tensor",
+    "torch.ops.aten.mean.default": "tensor",
     "torch.ops.aten.mean.dim": "bool ints tensor",
     "torch.ops.aten.minimum.default": "tensor",
     "torch.ops.aten.mul.Tensor": "tensor float int sym_int",
@@ -117,6 +123,7 @@ OPERATORS = {
     "torch.ops.aten.sign.default": "tensor",
     "torch.ops.aten.silu.default": "tensor",
     "torch.ops.aten.sin.default": "tensor",
+    "torch.ops.aten.sinc.default": "tensor",
     "torch.ops.aten.slice.Tensor": "tensor int sym_int none",
     "torch.ops.aten.softmax.int": "tensor int",
     "torch.ops.aten.softplus.default": "tensor float",
@@ -125,6 +132,7 @@ OPERATORS = {
     "torch.ops.aten.split_with_sizes.default": "tensor ints int",
     "torch.ops.aten.sqrt.default": "tensor",
     "torch.ops.aten.square.default": "tensor",
+    "torch.ops.aten.squeeze.dim": "tensor int",
     "torch.ops.aten.stack.default": "int tensors",
     "torch.ops.aten.sub.Tensor": "float int sym_int tensor",
     "torch.ops.aten.sum.default": "tensor",
@@ -133,18 +141,22 @@ OPERATORS = {
     "torch.ops.aten.tanh.default": "tensor",
     "torch.ops.aten.to.device": "tensor device scalar_type",
     "torch.ops.aten.to.dtype": "tensor scalar_type",
+    "torch.ops.aten.to.dtype_layout": "tensor scalar_type device layout",
     "torch.ops.aten.transpose.int": "tensor int",
     "torch.ops.aten.unbind.int": "tensor",
-    "torch.ops.aten.unflatten.int": "tensor int ints",
+    "torch.ops.aten.unflatten.int": "tensor int ints sym_ints",
     "torch.ops.aten.unsqueeze.default": "tensor int",
+    "torch.ops.aten.where.Scalar": "tensor float",
     "torch.ops.aten.where.ScalarOther": "tensor float",
+    "torch.ops.aten.where.ScalarSelf": "tensor float",
     "torch.ops.aten.where.self": "tensor",
-    "torch.ops.aten.zeros.default": "bool device ints",
+    "torch.ops.aten.zeros.default": "bool device ints scalar_type",
     "torch.ops.aten.zeros_like.default": "tensor bool",
 }
 """Functions that a graph may call, and the kinds of their arguments: those that our networks and operators need."""
-BYTES = {5: 8, 6: 2, 7: 4, 12: 1, 13: 2}
-"""Bytes of each type of weights and constants, by its number in archives: int64, float16, float32, bool, bfloat16."""
+BYTES = {5: 8, 6: 2, 7: 4, 8: 8, 12: 1, 13: 2}
+"""Bytes of each type of weights and constants, by its number in archives: int64, float16, float32, float64, bool,
+bfloat16."""
 NOTES = ("stack_trace", "nn_module_stack", "torch_fn", "source_fn_stack", "from_node", "custom")
 """Notes of the exporter about nodes: lines and paths of source code."""
 EXPRESSION = re.compile(
@@ -182,6 +194,11 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     # The exporter distrusts lengths at which a size inside would be 1; our modules have no branches to fear.
     for symbol in program.range_constraints:
         program.range_constraints[symbol] = ValueRanges(1, int_oo)
+    # Nor need lengths that data decide be compared with what the exporter assumes of them.
+    for node in program.graph.nodes:
+        if node.target is torch.ops.aten._assert_scalar.default:
+            program.graph.erase_node(node)
+    program.graph.eliminate_dead_code()
     for node in program.graph.nodes:
         for note in NOTES:
             node.meta.pop(note, None)

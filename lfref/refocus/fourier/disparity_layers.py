@@ -65,8 +65,14 @@ OVER_NOISE = 3
 """Nor do shares below so many times the lower quartile of all: noise falls on all layers alike."""
 N_STEPS = 8
 """Steps of the expectation maximisation."""
+QUIET, QUIET_VARIANCE = 0.25, 0.9
+"""Share of the frequencies that show nothing but noise, at most; what is left there of noise of variance 1."""
 LOWEST, HIGHEST = 1 / 24, 0.4
 """Lowest and highest frequency that is read, in cycles per pixel: below, all layers look alike; above, views alias."""
+_RADII = torch.logspace(math.log10(LOWEST), math.log10(HIGHEST), 12, dtype=torch.float64)[:, None]
+_ANGLES = torch.pi * ((torch.arange(24, dtype=torch.float64) + 0.5) / 24 - 0.5)
+FREQUENCIES = torch.stack([_RADII * _ANGLES.sin(), _RADII * _ANGLES.cos()]).flatten(1)
+"""ky and kx of 12 circles, whose radii grow in equal ratios, at 24 angles each, float64, [2, 288]."""
 
 
 class Energies(NamedTuple):
@@ -76,6 +82,8 @@ class Energies(NamedTuple):
     """In pixels per view step, float64, CPU, [K]."""
     shares: Tensor
     """Shares of the energy at any frequency, together 1, float64, CPU, [K]."""
+    noise: float = 0.0
+    """Variance of white noise in the views, in square light: an upper bound, since layers leave more than noise."""
 
 
 class _Sample(NamedTuple):
@@ -87,6 +95,8 @@ class _Sample(NamedTuple):
     """kx (u - u0) + ky (v - v0), [F, V U]."""
     roots: Tensor
     """Roots of the views' weights, [V U]."""
+    variance: Tensor
+    """Variance of white noise that has all the energy of a frequency, in square light, [F]."""
 
 
 def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energies:
@@ -124,13 +134,10 @@ def energy_range(views: Tensor, aperture: Tensor, known: DisparityRange | None) 
 
 def _sampled(views: Tensor, aperture: Tensor) -> _Sample:
     """Views [V, U, C, H, W] at some hundred frequencies."""
-    # The bins of `rfft2` nearest to 12 circles, whose radii grow in equal ratios, at 24 angles each.
+    # Circles of small pictures share bins.
     height, width = views.shape[-2:]
-    radius = torch.logspace(math.log10(LOWEST), math.log10(HIGHEST), 12, dtype=torch.float64)[:, None]
-    angle = torch.pi * ((torch.arange(24, dtype=torch.float64) + 0.5) / 24 - 0.5)
-    y, x = (radius * angle.sin() * height).round().long() % height, (radius * angle.cos() * width).round().long()
-    bins = torch.unique(y * width + x)
-    y, x = bins // width, bins % width
+    y, x = sampled_bins(height, width)
+    y, x = torch.stack([y % height, x]).unique(dim=1)
     read = batches.without_unread(views.detach()[None], aperture)[0]
     # One view row at a time: all spectra together take as much memory as a channel of the views.
     rows = (torch.fft.rfft2(batches.radiance(row).sum(-3)) for row in read)
@@ -144,10 +151,17 @@ def _sampled(views: Tensor, aperture: Tensor) -> _Sample:
         weighted / energy.sqrt().clamp(min=torch.finfo(torch.float32).tiny),  # black views have no energy
         (ky * v[:, None] + kx * u).flatten(1),
         roots.flatten(),
+        energy[:, 0] / views.shape[-3:].numel(),
     )
     if not bool(sample.spectra.isfinite().all()):
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give disparities")
     return sample
+
+
+def sampled_bins(height: float | Tensor, width: float | Tensor) -> tuple[Tensor, Tensor]:
+    """Rows, which may be negative, and columns of the bins of `rfft2` nearest to `FREQUENCIES`, int64, [288] both."""
+    y, x = (FREQUENCIES[0] * height).round(), (FREQUENCIES[1] * width).round()
+    return y.long(), x.long()
 
 
 def _held(sample: _Sample, views: Tensor, known: DisparityRange | None) -> tuple[float, float]:
@@ -178,12 +192,15 @@ def _maximised(sample: _Sample, disparities: Tensor) -> Energies:
         inverse = torch.cholesky_inverse(torch.linalg.cholesky(root[:, None] * gram * root + noise * eye))
         layers = root * (inverse @ (root * explained)[..., None])[..., 0]
         variance = noise * inverse.diagonal(dim1=1, dim2=2).real
-        rest = (sample.spectra - (model @ layers[..., None])[..., 0]).abs().square().sum()
+        rest = (sample.spectra - (model @ layers[..., None])[..., 0]).abs().square().sum(1)
+        freedom = n_views - (1 - variance).sum(1)
         # Maximisation: shares and noise that make this expectation most likely. A scene of layers at exactly these
         # disparities leaves no noise, and a noise of 0 no inverse.
         shares = (layers.abs().square() + shares * variance).mean(0)
-        noise = max(float(rest) / float((n_views - (1 - variance).sum(1)).sum()), 1e-6)
-    return Energies(disparities, shares / shares.sum())
+        noise = max(float(rest.sum() / freedom.sum()), 1e-6)
+    # Occlusion and gloss add to what is left, at some frequencies more than at others.
+    quiet = float((rest / freedom * n_views * sample.variance).quantile(QUIET)) / QUIET_VARIANCE
+    return Energies(disparities, shares / shares.sum(), quiet)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

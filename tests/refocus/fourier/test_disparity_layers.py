@@ -184,7 +184,7 @@ def test_wide_ranges_are_found_and_their_layers_lie_close():
 
 
 def test_most_of_the_light_is_at_the_layers_next_to_the_disparities():
-    disparities, shares = estimate_energies(layered(-1.25, 0.5), 12, FULL)
+    disparities, shares, _ = estimate_energies(layered(-1.25, 0.5), 12, FULL)
     step = disparities[1] - disparities[0]
     near = ((disparities + 1.25).abs() < step) | ((disparities - 0.5).abs() < step)
     assert shares[near].sum() > 0.9
@@ -197,25 +197,32 @@ def test_views_of_weight_0_are_not_read():
     spoilt = views.clone()
     spoilt[0, 0] = torch.nan
     aperture = batches.checked_weights(weights, (5, 5))
-    for clean, dirty in zip(
-        estimate_energies(views, 5, aperture),
-        estimate_energies(spoilt, 5, aperture),
-        strict=True,
-    ):
-        assert torch.equal(clean, dirty)
+    clean, dirty = estimate_energies(views, 5, aperture), estimate_energies(spoilt, 5, aperture)
+    assert torch.equal(clean.disparities, dirty.disparities)
+    assert torch.equal(clean.shares, dirty.shares)
+    assert clean.noise == dirty.noise
+
+
+@pytest.mark.parametrize("deviation", [0.01, 0.05])
+def test_noise_is_what_layers_leave_at_quiet_frequencies(deviation):
+    views = layered(-1.25, 0.5)
+    noisy = views + deviation * torch.randn(views.shape, generator=torch.Generator().manual_seed(2))
+    assert estimate_energies(views, 9, FULL).noise < 0.1 * deviation**2
+    assert estimate_energies(noisy, 9, FULL).noise == pytest.approx(deviation**2, rel=0.15)
 
 
 @pytest.mark.parametrize("level", [0.0, 0.5])
 def test_flat_views_have_some_layers_all_the_same(level):
-    disparities, shares = estimate_energies(torch.full((5, 5, 3, 16, 18), level), 4, FULL)
+    disparities, shares, noise = estimate_energies(torch.full((5, 5, 3, 16, 18), level), 4, FULL)
     assert bool(disparities.isfinite().all())
     assert bool((shares > 0).all())
+    assert 0 <= noise < 1e-9
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 1, 1, 1), (1, 3, 1, 4, 5), (5, 5, 1, 6, 6)])
 def test_small_fields_have_layers_that_they_can_be_shifted_by(shape):
     aperture = batches.checked_weights(None, shape[:2])
-    disparities, _ = estimate_energies(torch.rand(shape), 3, aperture)
+    disparities = estimate_energies(torch.rand(shape), 3, aperture).disparities
     assert bool(disparities.isfinite().all())
 
 
