@@ -84,10 +84,6 @@ weights: install
 	if [ -e "$(WEIGHTS)/run/checkpoints" ]; then $(BIN)/lfref train resume="$(WEIGHTS)/run"; \
 	else $(BIN)/lfref train experiment=refiner output="$(WEIGHTS)/run"; fi
 	$(BIN)/python docs/weights.py "$(WEIGHTS)/run"
-	$(BIN)/lfref prepare recipe=mixer n_fields=300 output="$(WEIGHTS)/mixer_set_$(shell date +%s)"
-	if [ -e "$(WEIGHTS)/mixer/checkpoints" ]; then $(BIN)/lfref train resume="$(WEIGHTS)/mixer"; \
-	else $(BIN)/lfref train experiment=mixer output="$(WEIGHTS)/mixer"; fi
-	$(BIN)/python docs/weights.py "$(WEIGHTS)/mixer" --to lfref/weights/learned_fast.safetensors
 
 lint: install
 	$(BIN)/ruff check lfref tests docs/*.py

@@ -33,7 +33,6 @@ from lfref.geometry import planes_at_alphas
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
-from lfref.refocuser.networks import learned_fast
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "exported"
@@ -48,7 +47,6 @@ METHODS = {
     "shift_and_sum_exact": functools.partial(shift_and_sum, interpolation="exact"),
     "exact_fourier": exact_fourier,
     "separable_wiener": separable_wiener,
-    "learned_fast": learned_fast().full_precision(),
 }
 
 

@@ -148,26 +148,25 @@ def paths() -> Iterator[str]:
 
 
 def cards() -> Iterator[str]:
-    """The model cards, as the files of the weights hold them."""
-    files = {path.stem: path for path in (networks.SHIPPED, networks.SHIPPED.with_name("learned_fast.safetensors"))}
-    contents = {name: checkpoint.read(path) for name, path in files.items()}
-    notes = {name: each["notes"] for name, each in contents.items()}
-    n_weights = {name: sum(value.numel() for value in each["state_dict"].values()) for name, each in contents.items()}
+    """The model card, as the file of the weights holds it."""
+    contents = checkpoint.read(networks.SHIPPED)
+    notes = contents["notes"]
+    n_weights = sum(value.numel() for value in contents["state_dict"].values())
     rows = {
-        "what it does": {name: each["card"]["use"] for name, each in notes.items()},
-        "weights": {name: f"{n_weights[name]:,}, {path.stat().st_size / 1e6:.1f} MB" for name, path in files.items()},
-        "data": {name: each["card"]["data"] for name, each in notes.items()},
-        "trained on": {name: each["card"]["trained_on"] for name, each in notes.items()},
-        "light fields, steps": {name: f"{each['fields']}, {each['steps']:,}" for name, each in notes.items()},
-        "command": {name: f"`{each['command']}`" for name, each in notes.items()},
-        "gain on light fields held out": {name: f"{each['gain_db']:.2f} dB" for name, each in notes.items()},
-        "limits": {name: each["card"]["limits"] for name, each in notes.items()},
-        "licence of the weights": {name: each["card"]["licence"] for name, each in notes.items()},
+        "what it does": notes["card"]["use"],
+        "weights": f"{n_weights:,}, {networks.SHIPPED.stat().st_size / 1e6:.1f} MB",
+        "data": notes["card"]["data"],
+        "trained on": notes["card"]["trained_on"],
+        "light fields, steps": f"{notes['fields']}, {notes['steps']:,}",
+        "command": f"`{notes['command']}`",
+        "gain on light fields held out": f"{notes['gain_db']:.2f} dB",
+        "limits": notes["card"]["limits"],
+        "licence of the weights": notes["card"]["licence"],
     }
-    yield f"| network | {' | '.join(f'`{name}`' for name in files)} |"
-    yield f"|---|{'---|' * len(files)}"
-    for title, cells in rows.items():
-        yield f"| {title} | {' | '.join(cells[name] for name in files)} |"
+    yield "| network | `learned` |"
+    yield "|---|---|"
+    for title, cell in rows.items():
+        yield f"| {title} | {cell} |"
 
 
 TABLES: dict[str, Callable[[], Iterator[str]]] = {"learned": gains, "learned_grids": grids, "cards": cards} | (

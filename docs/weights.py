@@ -47,14 +47,13 @@ def _folder(run: Run) -> Path:
     return plane_sets.folder_of(recipe, Path(run.config["data"]["cache_folder"]).expanduser())
 
 
-def card(contents: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
+def card(facts: Mapping[str, Any]) -> dict[str, Any]:
     """The model card in a file of weights: for whom, of what data, with which limits, under which licence."""
     recipe = facts["set"]
     grids = ", ".join(f"{rows}x{columns}" for rows, columns in sorted(set(map(tuple, recipe["grids"]))))
     reach = max(recipe["depths"]) * max(map(abs, recipe["scenes"]["disparities"]))
-    kind = "the pictures of occlusion_aware" if networks.REFINER in contents["lfref"] else "sums of views through cells"
     return {
-        "use": f"corrects {kind}: refocused pictures of light fields at any slopes",
+        "use": "corrects the pictures of occlusion_aware: refocused pictures of light fields at any slopes",
         "data": "scenes of lfref's simulator, drawn at random, with their truth as labels; no photographs",
         "trained_on": f"grids of {grids} views, disparities of up to {reach:g} px per view step",
         "limits": LIMITS,
@@ -86,7 +85,7 @@ def main() -> None:
         facts, contents = notes(run), checkpoint.read(run.best)
     if options.scale != 1:
         facts["scale"], contents = options.scale, scaled(contents, options.scale)
-    facts["card"] = card(contents, facts)
+    facts["card"] = card(facts)
     checkpoint.write_weights(options.to, contents, facts)
     print(yaml.safe_dump({**facts, "file": str(options.to), "bytes": options.to.stat().st_size}, sort_keys=False))
 

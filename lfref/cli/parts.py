@@ -50,14 +50,13 @@ TABLE: dict[str, tuple[str, ...]] = {
     "refocusers": (
         "lfref.refocuser.refocuser.OperatorRefocuser",
         "lfref.refocuser.networks.learned",
-        "lfref.refocuser.networks.learned_fast",
     ),
     "planes": (
         *(f"lfref.geometry.{name}" for name in ("FocalPlanes", "even_planes", "planes_at_alphas")),
         "lfref.captures.inspect.AutoPlanes",
     ),
     "labels": ("lfref.data.label_sources.OperatorLabels", "lfref.data.label_sources.RenderedLabels"),
-    "recipes": ("lfref.data.plane_sets.Recipe", "lfref.data.plane_sets.MixerRecipe"),
+    "recipes": ("lfref.data.plane_sets.Recipe",),
     "data": (
         "lfref.data.datamodules.FolderData",
         "lfref.data.datamodules.SimulatedData",
@@ -65,7 +64,7 @@ TABLE: dict[str, tuple[str, ...]] = {
     ),
     "sources": ("lfref.data.field_sources.SimulatedSource",),
     "tasks": ("lfref.train.modules.Refining", "lfref.train.modules.Refocusing"),
-    "networks": ("lfref.nets.refnet.RefNet", "lfref.nets.refiner.Refiner", "lfref.nets.mixer.Mixer"),
+    "networks": ("lfref.nets.refnet.RefNet", "lfref.nets.refiner.Refiner"),
     "losses": (
         *(f"lfref.losses.composite.{name}" for name in ("CompositeLoss", "paper_weights")),
         "lfref.losses.composite.RelativeError",

@@ -29,11 +29,9 @@ from lfref.errors import FileError, InputError, counted
 from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
-from lfref.nets.mixer import Mixer
 from lfref.nets.refiner import Corrector
 from lfref.refocuser.features import FEATURES, FORMER_NAMES, RefinerInputs, check_names, refiner_inputs
-from lfref.refocuser.mixing import N_CANDIDATES, N_GUIDES, mixer_inputs
-from lfref.refocuser.networks import MIXER_FORMAT, mixer_entry, refiner_entry
+from lfref.refocuser.networks import refiner_entry
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
@@ -119,32 +117,6 @@ class Recipe:
         """
         parts = [self.description() | {"scenes": _changed_fields(self.scenes)}, VERSION]
         return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
-
-
-@dataclass(frozen=True)
-class MixerRecipe(Recipe):
-    """Choices that determine the items of a mixer; it has guides and candidates of its own (`refocuser.mixing`)."""
-
-    features: tuple[str, ...] = ()
-
-    def inputs(self, light: LightField, planes: Tensor) -> RefinerInputs:
-        """As in `Recipe`."""
-        return next(mixer_inputs(light, planes))
-
-    def entry(self, net: Corrector) -> dict[str, Any]:
-        """As in `Recipe`."""
-        return mixer_entry(net)
-
-    def check(self, net: Corrector) -> None:
-        """As in `Recipe`."""
-        expected = 3 * N_CANDIDATES + N_GUIDES
-        if not (isinstance(net, Mixer) and net.n_features == expected):
-            got = f"{type(net).__name__} of {net.n_features}"
-            raise InputError(f"a mixer's network must be a Mixer of {expected} channels", got=got, remedy="net=mixer")
-
-    def description(self) -> dict[str, Any]:
-        """As in `Recipe`, with the version of guides and candidates."""
-        return super().description() | {"mixer": MIXER_FORMAT}
 
 
 def _changed_fields(value: Any) -> Any:

@@ -25,7 +25,7 @@ from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.refocuser.load import load
-from lfref.refocuser.networks import CorrectingRefocuser, NetworkRefocuser
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser
 
 SAFETENSORS = "safetensors"
@@ -153,7 +153,7 @@ def check_available(format: str, precision: str) -> None:
 
 def check_weights(refocuser: Refocuser) -> None:
     """Refuse a refocuser without weights, which a safetensors file cannot hold, by an InputError."""
-    if not isinstance(refocuser, CorrectingRefocuser | NetworkRefocuser) or (
+    if not isinstance(refocuser, RefinedRefocuser | NetworkRefocuser) or (
         isinstance(refocuser, NetworkRefocuser) and refocuser.planes is None
     ):
         raise InputError("safetensors must be of a network", got=refocuser.name, remedy="take onnx, pt2 or openvino")
@@ -164,7 +164,7 @@ def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str
     dtype = chosen("precision of safetensors", precision, WEIGHT_TYPES)
     check_weights(refocuser)
     module: nn.Module
-    if isinstance(refocuser, CorrectingRefocuser):
+    if isinstance(refocuser, RefinedRefocuser):
         module, entry = refocuser.corrector, refocuser.entry()
     else:
         assert isinstance(refocuser, NetworkRefocuser)
@@ -181,5 +181,5 @@ def write_weights(path: Path, refocuser: Refocuser, precision: str, version: str
 def weights_run(path: Path) -> NetworkFunction:
     """The network of a file that `write_weights` wrote, ready to run."""
     refocuser = load(path)
-    assert isinstance(refocuser, NetworkRefocuser | CorrectingRefocuser)
+    assert isinstance(refocuser, NetworkRefocuser | RefinedRefocuser)
     return refocuser.network if isinstance(refocuser, NetworkRefocuser) else refocuser.corrector

@@ -1,6 +1,6 @@
 """Operators as graphs that other runtimes compute: light [V, U, C, H, W] and slopes [N] -> stack [N, C, H, W].
 
-Every module has this one interface; a network method that other runtimes shall compute as a whole is one more module.
+Every module has this one interface; a method of more parts, such as `wiener_graph`, is one more module.
 `Deployed` wraps a module for files: it reads samples as pictures hold them. Shifts depend on the slopes, which a graph
 reads when it runs, so that all tables of positions and weights are computed in the graph. All operators are separable:
 views are summed along each row of the grid (`across`), then the rows are summed (`down`), both as matrix products.
@@ -8,7 +8,7 @@ views are summed along each row of the grid (`across`), then the rows are summed
 - `SumByTaps` (nearest, linear, cubic): a block of eight output samples is a product of gathered samples and a matrix of
   taps. Runtimes gather long rows fast and single samples slowly, so the axis of the shift comes first.
 - `SumByMatrices` (exact): a Fourier shift of a view that is continued beyond its edges, as one dense matrix.
-- `FourierSum` (exact Fourier): DFT along rows as a product with a matrix. ONNX's own DFT took 13 times as long at 540
+- `FourierSum` (exact Fourier): DFT along rows as products with matrices. ONNX's own DFT took 13 times as long at 540
   samples and rounded 14 times as coarsely (ONNX Runtime 1.31).
 
 Numbers are float32, and phases are reduced by whole turns in integers. Slopes in float32 make shifts uncertain by some
@@ -79,19 +79,12 @@ class Aperture(nn.Module):
         rows, columns = (snapped(slopes[:, None] * offsets) for offsets in (self.rows, self.columns))
         return rows, columns
 
-    def coverage(
-        self, rows: Tensor, columns: Tensor, size: tuple[int, int], factors: tuple[Tensor, Tensor] | None = None
-    ) -> Tensor:
-        """Share of the aperture that has a sample, for shifts [N, V] and [N, U]: [N, 1, H, W].
-
-        `factors` are further weights of the rows [N, V] and columns [N, U] of views in each plane.
-        """
+    def coverage(self, rows: Tensor, columns: Tensor, size: tuple[int, int]) -> Tensor:
+        """Share of the aperture that has a sample, for shifts [N, V] and [N, U]: [N, 1, H, W]."""
         down, across = (
             _sampled(shifts, torch.arange(length), length).float()
             for shifts, length in zip((rows, columns), size, strict=True)
         )
-        if factors is not None:
-            down, across = down * factors[0][..., None], across * factors[1][..., None]
         return (down.transpose(1, 2) @ self.weights @ across)[:, None]
 
 
@@ -114,21 +107,13 @@ class SumByTaps(nn.Module):
         places = torch.stack([torch.eye(BLOCK, BLOCK + n_taps - 1).roll(tap, 1) for tap in range(n_taps)])
         self.register_buffer("places", places)
 
-    def forward(
-        self, light: Tensor, slopes: Tensor, factors: tuple[Tensor, Tensor] | None = None
-    ) -> tuple[Tensor, Tensor | None]:
-        """The sum of the views, and the share of the aperture that counts; None: all.
-
-        `factors` are further weights of the rows [N, V] and columns [N, U] of views in each plane.
-        """
+    def forward(self, light: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor | None]:
+        """The sum of the views, and the share of the aperture that counts; None: all."""
         n_rows, n_columns, n_channels, height, width = light.shape
         rows, columns = self.aperture.shifts(slopes)
         if self.interpolation.rounds:
             rows, columns = (rows + 0.5).floor(), (columns + 0.5).floor()
         across, down = self._tables(columns, width), self._tables(rows, height)
-        if factors is not None:
-            of_rows, of_columns = (each[..., None, None, None] for each in factors)
-            down, across = (down[0], down[1] * of_rows), (across[0], across[1] * of_columns)
         n_planes, padded = slopes.shape[0], across[0].shape[2] * BLOCK
         first = torch.arange(n_columns)[:, None, None] * width  # of the samples of a view, one view after the other
         own = torch.arange(n_planes)[:, None, None] * height  # of the samples of a plane
@@ -148,7 +133,7 @@ class SumByTaps(nn.Module):
         )
         stack = whole.permute(0, 3, 1, 2)
         counts_only_samples = BORDERS[self.border].counts_only_samples
-        return stack, self.aperture.coverage(rows, columns, (height, width), factors) if counts_only_samples else None
+        return stack, self.aperture.coverage(rows, columns, (height, width)) if counts_only_samples else None
 
     def _tables(self, shifts: Tensor, length: int) -> tuple[Tensor, Tensor]:
         """Samples that each of M blocks of an axis reads, [N, u, M, J = 8 + T - 1], and weights, [N, u, M, 8, J]."""
@@ -285,7 +270,7 @@ def filter_and_sum(light: Tensor, factors: Tensor, down: Tensor, weights: Tensor
     # Even parts of rows have cosines only, odd parts sines: half a row of each takes half of the products.
     x = torch.arange(n_frequencies)
     opposite = wrapped(-x, width)
-    is_pair = (opposite != x).float()[:, None]
+    is_pair = ((x > 0) & (2 * x < width)).float()[:, None]
     cosines, sines = (waves.narrow(1, 0, n_frequencies) for waves in _waves(width))  # [K, K]
     real, imaginary = factors[0], factors[1]
     # A complex product as one of real matrices, [N, 2, U, 2, K].

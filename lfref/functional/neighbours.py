@@ -18,8 +18,6 @@ def box_mean(images: Tensor, window: int) -> Tensor:
         images: Images in floating point, [..., H, W].
         window: Pixels along the side of the square, odd.
     """
-    if torch.compiler.is_exporting():
-        return _exported_mean(images, window)
     for axis in (-2, -1):
         sums, counts = images.clone(), images.new_ones(images.shape[axis])
         ones = counts.clone()
@@ -57,35 +55,12 @@ def binomial(images: Tensor, apart: int = 1) -> Tensor:
         apart: Distance of the neighbours in pixels.
     """
     for axis in (-2, -1):
-        if torch.compiler.is_exporting():  # other runtimes know no sums in place
-            length = images.shape[axis]
-            before, after = ([images.narrow(axis, at, 1)] * apart for at in (0, length - 1))
-            longer = torch.cat([*before, images, *after], axis)
-            neighbours = longer.narrow(axis, 0, length) + longer.narrow(axis, 2 * apart, length)
-            images = images / 2 + neighbours / 4
-            continue
         smooth, beyond = images / 2, min(apart, images.shape[axis])
         _add(smooth, images, apart, axis, 0.25)
         first, last = (images.narrow(axis, at, 1) for at in (0, images.shape[axis] - 1))
         smooth.narrow(axis, 0, beyond).add_(first, alpha=0.25)
         smooth.narrow(axis, -beyond, beyond).add_(last, alpha=0.25)
         images = smooth
-    return images
-
-
-def _exported_mean(images: Tensor, window: int) -> Tensor:
-    """`box_mean` without sums in place, which other runtimes do not know."""
-    reach = window // 2
-    for axis in (-2, -1):
-        length = images.shape[axis]
-        nothing = torch.zeros_like(images.narrow(axis, 0, 1))
-        longer = torch.cat([nothing] * reach + [images] + [nothing] * reach, axis)
-        place = torch.arange(length, device=images.device)
-        counts = (place + reach).clamp(max=length - 1) - (place - reach).clamp(min=0) + 1
-        sums = longer.narrow(axis, 0, length)
-        for apart in range(1, window):
-            sums = sums + longer.narrow(axis, apart, length)
-        images = sums / (counts if axis == -1 else counts[:, None])
     return images
 
 

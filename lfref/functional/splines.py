@@ -74,17 +74,3 @@ def weights(t: Fraction) -> tuple[Fraction, Fraction, Fraction, Fraction]:
         0.5 * t + 2 * t**2 - 1.5 * t**3,
         -0.5 * t**2 + 0.5 * t**3,
     )
-
-
-def basis(t: Fraction) -> tuple[Fraction, Fraction, Fraction, Fraction]:
-    """The cubic B-spline's weights of the coefficients at -1, 0, 1 and 2 for a position t between 0 and 1.
-
-    Args:
-        t: A number, also within a compiled loop, or a tensor of any shape.
-    """
-    return (
-        (1 - t) ** 3 / 6,
-        (4 - 6 * t**2 + 3 * t**3) / 6,
-        (1 + 3 * t + 3 * t**2 - 3 * t**3) / 6,
-        t**3 / 6,
-    )

@@ -13,7 +13,7 @@ from torch import Tensor
 from lfref.encoding import parsed
 from lfref.engines.engine import NetworkFunction
 from lfref.engines.files import file_formats
-from lfref.engines.files.manifest import MIXED, SAMPLE_TYPES, SLOPES, VIEWS, Manifest, to_samples
+from lfref.engines.files.manifest import SAMPLE_TYPES, SLOPES, VIEWS, Manifest, to_samples
 from lfref.errors import CheckpointError, InputError, chosen, first_line
 from lfref.geometry import planes_from
 from lfref.io.run import Run, run_name
@@ -61,8 +61,6 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     contents = checkpoint.read(path)
     if networks.REFINER in contents["lfref"]:
         return networks.restored_refiner(path, contents, run_name(path), device)
-    if networks.MIXER in contents["lfref"]:
-        return networks.restored_mixer(path, contents, run_name(path), device)
     network, planes = checkpoint.restored(path, contents)
     return NetworkRefocuser(network.to(device), planes, run_name(path), contents["lfref"].get("is_linear"))
 
@@ -88,7 +86,7 @@ def load_exported(path: Path) -> Refocuser:
         raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
 
 
-FIND_DISPARITIES = (shift_and_sum_through_cells.__name__, separable_wiener.__name__, MIXED)
+FIND_DISPARITIES = (shift_and_sum_through_cells.__name__, separable_wiener.__name__)
 """Operators of files that estimate the disparities of the scene, as far as views move little."""
 
 

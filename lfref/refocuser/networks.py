@@ -4,12 +4,10 @@ A network that refocuses serves the planes and the grid of its training. A refin
 method: it sees each plane by itself, and the views only through features, so any planes and any even grid serve.
 """
 
-import abc
-import copy
 import functools
 import inspect
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,7 +18,6 @@ from lfref.errors import CheckpointError, InputError, chosen, first_line
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
-from lfref.nets.mixer import Mixer
 from lfref.nets.network import Network
 from lfref.nets.refiner import Corrector, Refiner
 from lfref.refocus import batches
@@ -28,17 +25,12 @@ from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocuser import filling
-from lfref.refocuser.features import RefinerInputs, check_names, refiner_inputs, renamed
-from lfref.refocuser.mixing import mixer_inputs
+from lfref.refocuser.features import check_names, refiner_inputs, renamed
 from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser, Refocuser, check_for_network
 
 REFINER = "refiner"
 """Entry of a checkpoint that holds the network's arguments."""
 REFINER_FORMAT = 1
-MIXER = "mixer"
-"""Entry of a checkpoint that holds a mixer's arguments."""
-MIXER_FORMAT = 1
-"""Raised when guides or candidates change."""
 BASES: dict[str, Operator] = {
     "occlusion_aware": occlusion_aware,
     "refocus_by_layers": refocus_by_layers,
@@ -54,42 +46,42 @@ BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
 """Instructions that multiply matrices of bfloat16: with either, networks of refiners took half the time."""
 
 
-class CorrectingRefocuser(Refocuser):
-    """A classical method and the network that corrects its pictures, without gradients.
+class RefinedRefocuser(Refocuser):
+    """A classical method and the refiner that corrects its pictures, without gradients.
 
     Args:
-        corrector: Features, pictures and error scale -> better pictures.
+        refiner: Features, pictures and error scale -> better pictures.
+        base: Makes the pictures.
+        names: Of the features, candidates first.
         name: As tables and legends call it.
+
+    Raises:
+        InputError: Unknown features, or features of which the refiner cannot mix its corrections.
     """
 
     is_network = True
 
-    def __init__(self, corrector: Corrector, name: str) -> None:
-        self.corrector = corrector.eval()
+    def __init__(self, refiner: Corrector, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
+        check_names(names, refiner.n_candidates)
+        self.corrector = refiner.eval()
+        self.base = base
+        self.names = tuple(names)
         self.name = name
-        self.in_bfloat16 = True
-        """Whether the network computes in bfloat16 where the processor multiplies matrices of it."""
-
-    def full_precision(self) -> Self:
-        """The same in float32 on every processor, as exported files compute."""
-        result = copy.copy(self)
-        result.in_bfloat16 = False
-        return result
-
-    @abc.abstractmethod
-    def inputs(
-        self, light: LightField, slopes: Tensor, n_at_once: int | None = None, dtype: torch.dtype = torch.float32
-    ) -> Iterator[RefinerInputs]:
-        """What the network reads: consecutive planes of a light field, `n_at_once` at a time, features in `dtype`."""
-
-    @abc.abstractmethod
-    def entry(self) -> dict[str, Any]:
-        """The entry `lfref` of a checkpoint, from which the refocuser is built again."""
 
     def to(self, device: torch.device) -> Self:
         """As in `Refocuser`."""
         self.corrector.to(device)
         return self
+
+    def through(self, aperture: Aperture | None) -> "RefinedRefocuser":
+        """As in `Refocuser`: the method and the features look through the aperture."""
+        if aperture is None:
+            return self
+        return RefinedRefocuser(self.corrector, self.base.through(aperture), self.names, self.name)
+
+    def entry(self) -> dict[str, Any]:
+        """The entry `lfref` of a checkpoint, from which the refocuser is built again."""
+        return refiner_entry(self.corrector, self.base, self.names)
 
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
@@ -111,100 +103,17 @@ class CorrectingRefocuser(Refocuser):
         # A correction needs no more digits than bfloat16, where the processor multiplies matrices of it.
         device = stacks.device.type
         able: dict[str, object] = getattr(torch.cpu, "get_capabilities", dict)() if device == "cpu" else {}
-        is_half = self.in_bfloat16 and any(able.get(name) for name in BF16_INSTRUCTIONS)
+        is_half = any(able.get(name) for name in BF16_INSTRUCTIONS)
         dtype = torch.bfloat16 if is_half else stacks.dtype
         # As many planes at once as the caches hold.
         n_at_once = max(1, AT_ONCE // (self.corrector.n_features * math.prod(fields.shape[-2:])))
         for stack, field, of_field in zip(stacks, fields, weights, strict=True):
-            parts = self.inputs(LightField(field, weight=of_field), slopes, n_at_once, dtype)
+            light = LightField(field, weight=of_field)
+            parts = refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype)
             for planes, part in zip(stack.split(n_at_once), parts, strict=True):
                 with torch.autocast(device, torch.bfloat16, enabled=is_half):
                     planes.copy_(self.corrector(*part))
         return batches.restored(stacks.mean(-3, keepdim=True) if views.shape[-3] == 1 else stacks, views)
-
-
-class RefinedRefocuser(CorrectingRefocuser):
-    """A classical method and the refiner that corrects its pictures.
-
-    Args:
-        refiner: Features, pictures and error scale -> better pictures.
-        base: Makes the pictures.
-        names: Of the features, candidates first.
-        name: As tables and legends call it.
-
-    Raises:
-        InputError: Unknown features, or features of which the refiner cannot mix its corrections.
-    """
-
-    def __init__(self, refiner: Corrector, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
-        check_names(names, refiner.n_candidates)
-        super().__init__(refiner, name)
-        self.base = base
-        self.names = tuple(names)
-
-    def through(self, aperture: Aperture | None) -> "RefinedRefocuser":
-        """As in `Refocuser`: the method and the features look through the aperture."""
-        if aperture is None:
-            return self
-        return RefinedRefocuser(self.corrector, self.base.through(aperture), self.names, self.name)
-
-    def inputs(
-        self, light: LightField, slopes: Tensor, n_at_once: int | None = None, dtype: torch.dtype = torch.float32
-    ) -> Iterator[RefinerInputs]:
-        """As in `CorrectingRefocuser`."""
-        return refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype)
-
-    def entry(self) -> dict[str, Any]:
-        """As in `CorrectingRefocuser`."""
-        return refiner_entry(self.corrector, self.base, self.names)
-
-
-class MixedRefocuser(CorrectingRefocuser):
-    """Shift-and-sum through cells, corrected by a mixer.
-
-    Args:
-        mixer: Features, pictures and error scale -> better pictures.
-        name: As tables and legends call it.
-        aperture: Weights of the views of any grid; None weighs all alike.
-    """
-
-    def __init__(self, mixer: Corrector, name: str, aperture: Aperture | None = None) -> None:
-        super().__init__(mixer, name)
-        self.aperture = aperture
-
-    def through(self, aperture: Aperture | None) -> "MixedRefocuser":
-        """As in `Refocuser`."""
-        stays = aperture is None or self.aperture is not None
-        return self if stays else MixedRefocuser(self.corrector, self.name, aperture)
-
-    def inputs(
-        self, light: LightField, slopes: Tensor, n_at_once: int | None = None, dtype: torch.dtype = torch.float32
-    ) -> Iterator[RefinerInputs]:
-        """As in `CorrectingRefocuser`."""
-        return mixer_inputs(light, slopes, self.aperture, n_at_once, dtype)
-
-    def entry(self) -> dict[str, Any]:
-        """As in `CorrectingRefocuser`."""
-        return mixer_entry(self.corrector)
-
-
-def mixer_entry(mixer: Corrector) -> dict[str, Any]:
-    """The entry `lfref` of a checkpoint of a mixer."""
-    return {"format": MIXER_FORMAT, MIXER: mixer.config}
-
-
-def restored_mixer(path: Path, contents: Mapping[str, Any], name: str, device: str | torch.device) -> MixedRefocuser:
-    """The refocuser of a checkpoint of a mixer; arguments and errors are those of `restored_refiner`."""
-    entry = contents["lfref"]
-    if entry.get("format") != MIXER_FORMAT:
-        raise CheckpointError(f"{path} must have format {MIXER_FORMAT}", got=entry.get("format"), remedy="update lfref")
-    try:
-        mixer = checkpoint.built(path, Mixer, dict(entry[MIXER]), contents["state_dict"])
-    except CheckpointError:
-        raise
-    except (TypeError, KeyError, ValueError, AttributeError, OverflowError, RuntimeError) as error:
-        raise CheckpointError(f"{path} describes no mixer that can be built", got=first_line(error)) from error
-    return MixedRefocuser(mixer.to(device), name)
 
 
 def refiner_entry(refiner: Corrector, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
@@ -279,8 +188,6 @@ def described_refiner(entry: Mapping[str, Any]) -> tuple[OperatorRefocuser, list
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "learned.safetensors"
 """Weights of the model that ships; their metadata state how it was trained."""
-SHIPPED_FAST = SHIPPED.with_name("learned_fast.safetensors")
-"""Weights of the fast model that ships."""
 
 
 class NetworkRefocuser(Refocuser):
@@ -347,19 +254,3 @@ def learned(
         torch.Size([2, 3, 48, 64])
     """
     return restored_refiner(SHIPPED, checkpoint.read(SHIPPED), name, device).through(aperture)
-
-
-def learned_fast(
-    name: str = "learned_fast", aperture: Aperture | None = None, device: str | torch.device = "cpu"
-) -> MixedRefocuser:
-    """The fast model that ships with lfref: sums of views, mixed by a small network.
-
-    Args:
-        name: As tables and legends call it.
-        aperture: Weights of the views of any grid; None weighs all alike.
-        device: Where the network goes.
-
-    Raises:
-        CheckpointError: The installation is damaged.
-    """
-    return restored_mixer(SHIPPED_FAST, checkpoint.read(SHIPPED_FAST), name, device).through(aperture)

@@ -85,7 +85,7 @@ def test_a_sweep_of_the_command_line_becomes_a_table_beside_its_default(lfref, t
     ("overrides", "value"),
     [
         ([], "softplus"),
-        (["experiment=mixer", "recipe=mixer"], "silu"),
+        (["experiment=refiner"], "silu"),
         (["net=refnet_small", "net.activation=gelu", "metrics.x=1"], "gelu"),
         (["net.no_such_key=1", "experiment=no_such_file"], None),
         (["experiment=../evil", "net.activation=${oc.env:HOME}", "hydra.run.dir=x"], "softplus"),

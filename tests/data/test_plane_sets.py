@@ -9,13 +9,10 @@ import torch
 from safetensors.torch import save_file
 
 from lfref.data import plane_sets
-from lfref.data.plane_sets import Crops, Item, MixerRecipe, PlaneData, Recipe, turned
+from lfref.data.plane_sets import Crops, Item, PlaneData, Recipe, turned
 from lfref.errors import FileError, InputError
 from lfref.functional.psnr import psnr
-from lfref.nets.mixer import Mixer
-from lfref.nets.refiner import Refiner
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser import mixing
 from lfref.refocuser.features import FEATURES
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.scene import Camera
@@ -168,23 +165,6 @@ def test_a_new_field_of_a_sensor_changes_no_key_but_a_new_version_does(monkeypat
 def test_recipes_that_make_nothing_are_refused(change):
     with pytest.raises(InputError, match="a set needs"):
         dataclasses.replace(RECIPE, **change)
-
-
-def test_a_recipe_of_a_mixer_has_its_own_features_of_the_same_scenes():
-    values = {field.name: getattr(RECIPE, field.name) for field in dataclasses.fields(RECIPE)}
-    recipe = MixerRecipe(**values | {"features": ()})
-    item, other = plane_sets.make(recipe, 0), plane_sets.make(RECIPE, 0)
-    assert torch.equal(item.slopes, other.slopes)
-    assert item.features.shape[1] == 3 * mixing.N_CANDIDATES + mixing.N_GUIDES
-    torch.testing.assert_close(item.pictures + item.missing, other.pictures + other.missing, atol=1e-6, rtol=0)
-    assert recipe.key() != dataclasses.replace(RECIPE, features=RECIPE.features).key()
-    assert recipe.description()["mixer"] == 1
-    mixer = Mixer(mixing.N_GUIDES, mixing.N_CANDIDATES, width=8)
-    recipe.check(mixer)
-    assert recipe.entry(mixer)["mixer"] == mixer.config
-    for network in (Mixer(3, 2), Refiner(7, 2)):
-        with pytest.raises(InputError, match="network must be a Mixer of"):
-            recipe.check(network)
 
 
 @pytest.fixture

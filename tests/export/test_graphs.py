@@ -62,7 +62,7 @@ def test_an_aperture_is_exported_with_its_operator():
 )
 def test_what_no_graph_does_is_a_line(refocuser):
     with pytest.raises(
-        InputError, match=r"must be a network, a refiner, shift-and-sum or exact|must be numbers; got positions"
+        InputError, match=r"must be a network, a refiner, shift-and-sum, exact|must be numbers; got positions"
     ):
         graphs.exportable(refocuser, cases.PLANES, cases.GRID)
 

@@ -22,11 +22,11 @@ PRECISIONS = (FP32, FP16, INT8)
 PACKAGES = by_onnxruntime.PACKAGES
 OPERATORS = {
     "Abs", "Add", "And", "AveragePool", "BatchNormalization", "Cast", "Ceil", "Clip", "Concat", "Conv", "Cos", "CumSum",
-    "DepthToSpace", "DequantizeLinear", "Div", "Elu", "Equal", "Exp", "Expand", "Floor", "Gather", "GatherElements",
+    "DepthToSpace", "DequantizeLinear", "Div", "Elu", "Equal", "Expand", "Floor", "Gather", "GatherElements",
     "Gelu", "Greater", "GreaterOrEqual", "HardSigmoid", "InstanceNormalization", "LeakyRelu", "Less", "LessOrEqual",
-    "Log", "MatMul", "Max", "Min", "Mod", "Mul", "Neg", "Or", "Pad", "Pow", "QuantizeLinear", "Range", "Reciprocal",
+    "MatMul", "Max", "Min", "Mod", "Mul", "Neg", "Or", "Pad", "Pow", "QuantizeLinear", "Range", "Reciprocal",
     "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Relu", "Reshape", "Round", "Shape", "Sigmoid", "Sign", "Sin",
-    "Slice", "Softmax", "Softplus", "SpaceToDepth", "Split", "Sqrt", "Squeeze", "Sub", "Tanh", "TopK", "Transpose",
+    "Slice", "Softplus", "SpaceToDepth", "Split", "Sqrt", "Squeeze", "Sub", "TopK", "Transpose",
     "Unsqueeze", "Where",
 }  # fmt: skip
 """Operators of ONNX that our networks and operators need: none of them repeats, branches, or reads files."""

@@ -28,8 +28,6 @@ LONGEST = 2**20
 """Greatest length of the text, in characters."""
 VIEWS, FEATURES, SLOPES, STACK = "views", "features", "slopes", "stack"
 """Names: first input of networks that read views, and of refiners; second input of operators; output."""
-MIXED = "mixed"
-"""What a file of a mixer calls its operator."""
 FORMER_FEATURES = "guides"
 """Name of the first input of refiners in files of earlier versions."""
 
