@@ -15,6 +15,8 @@ from lfref.encoding import SRGB
 from lfref.engines.files import file_formats
 from lfref.export import graphs
 from lfref.export.graphs import Samples
+from lfref.refocus.separable_wiener import separable_wiener
+from lfref.refocuser.refocuser import OperatorRefocuser
 from tests.export import cases
 
 pytest.importorskip("onnxruntime")
@@ -27,10 +29,19 @@ LONGEST = 25
 """Lines of a program."""
 
 
+WIENER = OperatorRefocuser("separable_wiener", separable_wiener)
+
+
+@pytest.fixture(
+    scope="module", params=[cases.operator(interpolation="cubic"), pytest.param(WIENER, marks=pytest.mark.slow)]
+)
+def operator(request):
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def model(tmp_path_factory):
+def model(operator, tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "net.onnx"
-    operator = cases.operator(interpolation="cubic")
     subject = graphs.exportable(operator, cases.SLOPES, cases.GRID, Samples("uint8", SRGB))
     file_formats.write(path, "onnx", subject.graph, subject.manifest())
     return path
@@ -43,9 +54,9 @@ def views():
 
 
 @pytest.fixture(scope="module")
-def expected(views):
+def expected(operator, views):
     """The stack in sRGB."""
-    return SRGB.encode(cases.operator(interpolation="cubic")(SRGB.decode(views / 255), list(map(float, SLOPES))))
+    return SRGB.encode(operator(SRGB.decode(views / 255), list(map(float, SLOPES))))
 
 
 def program(folder, language, start, suffix):
