@@ -146,7 +146,10 @@ def test_failures_that_can_be_known_before_any_work_come_first(words, message, l
     [
         (("format=tensorrt",), "format must be one of"),
         (("precision=int8", "format=pt2"), "precision of pt2 must be one of"),
-        (("method=fourier_slice",), "what is exported must be a network, a refiner, shift-and-sum, exact Fourier or separable_wiener"),
+        (
+            ("method=fourier_slice",),
+            "what is exported must be a network, a refiner, shift-and-sum, exact Fourier or separable_wiener",
+        ),
         (
             ("method=shift_and_sum", "precision=fp16"),
             "fp16 is for the weights of convolutions, and shift_and_sum has none",
