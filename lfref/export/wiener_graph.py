@@ -255,13 +255,13 @@ def _noise_line(light: Tensor) -> tuple[Tensor, Tensor]:
     lights, variances, exists = [], [], []
     for level in range(noise_line.BINS):
         first = level * size + n_larger.clamp(max=level)
-        number_of = size + (n_larger > level).long()
-        is_inside = (rank >= first) & (rank < first + number_of)
-        by_frequency = _lowest(torch.where(is_inside, power, nothing), noise_line.QUIET_BLOCKS, number_of)
+        n_blocks = size + (n_larger > level).long()
+        is_inside = (rank >= first) & (rank < first + n_blocks)
+        by_frequency = _lowest(torch.where(is_inside, power, nothing), noise_line.QUIET_BLOCKS, n_blocks)
         quiet = _lowest(by_frequency, noise_line.QUIET_FREQUENCIES, number(by_frequency.shape[0]))
-        lights.append((levels * is_inside).sum() / number_of.clamp(min=1))
+        lights.append((levels * is_inside).sum() / n_blocks.clamp(min=1))
         variances.append(quiet / noise_line.QUIET_VARIANCE)
-        exists.append((n_bins > level) & (number_of > 0))
+        exists.append((n_bins > level) & (n_blocks > 0))
     exist = torch.stack(exists)
     x, y = (torch.where(exist, torch.stack(each), torch.zeros(())).double() for each in (lights, variances))
     return noise_line.fitted_line(x, y, exist.double())

@@ -93,6 +93,7 @@ def _waves() -> tuple[Tensor, Tensor]:
 
 
 WAVES, POWER = _waves()
+"""The spectrum of a block as a matrix, and the power of white noise in it."""
 
 
 def _quietest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:

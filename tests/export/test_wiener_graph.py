@@ -1,5 +1,7 @@
 """Separable Wiener refocusing as one graph computes the pictures of the method, for any slopes and sizes."""
 
+import functools
+
 import pytest
 import torch
 from torch.nn import functional as F
@@ -137,10 +139,8 @@ def test_flat_frames_stay_flat():
 
 
 def test_given_disparities_cannot_be_exported():
-    def given(views, slopes, weights=None):
-        return separable_wiener(views, slopes, [0.0, 1.0], weights)
-
-    with pytest.raises(InputError, match="what is exported must be"):
+    given = functools.partial(separable_wiener, disparities=[0.0, 1.0])
+    with pytest.raises(InputError, match="must be numbers; got disparities"):
         graphs.exportable(OperatorRefocuser("given", given), PLANES, (3, 3))
 
 

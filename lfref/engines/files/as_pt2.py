@@ -189,7 +189,7 @@ def write(path: Path, graph: Graph, manifest: Manifest) -> None:
     # The exporter distrusts lengths at which a size inside would be 1; our modules have no branches to fear.
     for symbol in program.range_constraints:
         program.range_constraints[symbol] = ValueRanges(1, int_oo)
-    # Nor need lengths that data decide be compared with what the exporter assumes of them.
+    # It also checks lengths that data decide, by operators that files may not call.
     for node in program.graph.nodes:
         if node.target is torch.ops.aten._assert_scalar.default:
             program.graph.erase_node(node)

@@ -134,9 +134,9 @@ def energy_range(views: Tensor, aperture: Tensor, known: DisparityRange | None) 
 
 def _sampled(views: Tensor, aperture: Tensor) -> _Sample:
     """Views [V, U, C, H, W] at some hundred frequencies."""
-    # Circles of small pictures share bins.
     height, width = views.shape[-2:]
     y, x = sampled_bins(height, width)
+    # Circles of small pictures share bins.
     y, x = torch.stack([y % height, x]).unique(dim=1)
     read = batches.without_unread(views.detach()[None], aperture)[0]
     # One view row at a time: all spectra together take as much memory as a channel of the views.
