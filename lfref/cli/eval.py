@@ -13,11 +13,11 @@ from torch import Tensor
 
 from lfref.bench import accuracy, timing
 from lfref.cli import config as configs
-from lfref.cli import shards, steps
-from lfref.cli.command import command, device_of, log, paths, progress
+from lfref.cli import resume, run_folder, shards, steps
+from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import fixed_planes
 from lfref.data.label_sources import Labels
-from lfref.errors import InputError, counted
+from lfref.errors import InputError, LfrefError, counted
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
@@ -26,6 +26,8 @@ from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import answers, comparison, crops, drawing, pictures, plots, tables
 from lfref.report.answers import Answer
+
+PLANES = "planes.csv"
 
 
 def evaluate(config: DictConfig, folder: Path) -> None:
@@ -41,35 +43,61 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         method.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
     found = steps.find_fields(config)
     fields = {name: found[name] for name in shards.share_of(list(found), config.shard)}
-    rows: list[accuracy.Row] = []
-    places: dict[str, Path] = {}
+    rows = _earlier_rows(folder / PLANES) if config.resume is not None else []
+    done = {row["light_field"] for row in rows}
+    failure: LfrefError | None = None
+
+    def read(_: str, path: Path) -> LightField:
+        return steps.read_field(path, config, methods)
+
+    @torch.no_grad()
+    def compute(_: str, field: LightField) -> tuple[LightField, dict[str, Tensor], dict[str, Tensor]]:
+        stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in methods}
+        return field, stacks, {name: source(field) for name, source in references.items()}
+
+    def write(name: str, result: tuple[LightField, dict[str, Tensor], dict[str, Tensor]]) -> None:
+        field, stacks, labels = result
+        shown = stacks | {f"label: {label}": stack for label, stack in labels.items()}
+        figure = comparison.comparison(shown, planes, field.views.mean(dim=(0, 1)))
+        picture = folder / "comparison" / f"{name}.png"
+        drawing.save_figure(figure, picture)
+        # The rows come last, so that a light field in the table is done, also after the run was killed.
+        rows.extend(accuracy.plane_rows(name, stacks, labels, planes))
+        tables.write_table(folder / PLANES, rows)
+        run_folder.list_also(folder, picture, folder / PLANES)
+
     with _logging(config) as log_evaluation:
-        for path in progress(fields.values(), "evaluating", len(fields)):
-            field = steps.read_field(path, config, methods)
-            with torch.no_grad():
-                stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in methods}
-            labels = {name: source(field) for name, source in references.items()}
-            places[field.name] = path
-            rows += accuracy.plane_rows(field.name, stacks, labels, planes)
-            shown = stacks | {f"label: {name}": label for name, label in labels.items()}
-            figure = comparison.comparison(shown, planes, field.views.mean(dim=(0, 1)))
-            drawing.save_figure(figure, folder / "comparison" / f"{field.name}.png")
+        remaining = {name: path for name, path in fields.items() if name not in done}
+        try:
+            steps.process(remaining, {"reading": read, "evaluating": compute, "writing": write}, "evaluating")
+        except LfrefError as error:
+            if not rows:
+                raise
+            failure = error  # raised after the table of the others
         table = pd.DataFrame(rows)
+        tables.require(table)
         summary = accuracy.summaries(table)
         summary["is_network"] = summary["method"].isin([method.name for method in methods if method.is_network])
-        tables.write_table(folder / "planes.csv", table)
         tables.write_table(folder / "summary.csv", summary)
         atomic.write_text(folder / "machine.json", json.dumps(timing.facts(device), indent=2) + "\n")
         if not tables.judged_by_others(summary).empty:
-            if len(fields) > 1:  # of one light field the table says all
+            if summary["light_field"].nunique() > 1:  # of one light field the table says all
                 drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
             drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
         log_evaluation(summary, table, folder)
     if (answer := answers.of_evaluation(summary)) is not None:
-        worst = steps.read_field(places[answer.worst], config, methods).to(device)
+        worst = steps.read_field(fields[answer.worst], config, methods).to(device)
         _write_crops(folder, worst, methods, references, planes, answer)
         log.info(answer.sentence)
-    log.info("%s, %s: %s", counted(len(fields), "light field"), counted(len(methods), "method"), folder / "summary.csv")
+    n_fields = counted(summary["light_field"].nunique(), "light field")
+    log.info("%s, %s: %s", n_fields, counted(len(methods), "method"), folder / "summary.csv")
+    if failure is not None:
+        raise failure
+
+
+def _earlier_rows(path: Path) -> list[accuracy.Row]:
+    """The rows of a table that a killed run left; none if it left no table."""
+    return tables.read_table(path).to_dict("records") if path.is_file() else []
 
 
 @contextmanager
@@ -123,7 +151,7 @@ def _write_crops(
     crops.write(folder, view, shown(stacks[answer.ours][plane]), other, shown(label[plane]))
 
 
-main = command(evaluate)
+main = command(evaluate, resume.go_on, resume.expanded_to_folder)
 
 if __name__ == "__main__":
     main()

@@ -1,6 +1,5 @@
 """`lfref refocus`: refocus light fields into stacks, pictures, films, maps of disparity and point clouds."""
 
-import functools
 from pathlib import Path
 
 import torch
@@ -15,8 +14,6 @@ from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
-from lfref.io import run as runs
-from lfref.io.run import Run
 from lfref.io.scratch import allocator
 from lfref.lightfield import LightField
 from lfref.refocuser.load import load
@@ -100,18 +97,7 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     return network, planes
 
 
-def prepare(config: DictConfig, folder: Path) -> bool:
-    """Refuse to resume a run with other settings than its own; a job of a sweep that is started again goes on."""
-    if resume.is_sweep_job() and (folder / runs.OVERRIDES).is_file():
-        config.resume = str(folder)
-    if config.resume is not None:
-        plain = configs.plain(config)
-        decisive = [key for key in plain if key not in (*resume.FOLDERS, "overwrite", "device")]
-        resume.refuse_other(Run(folder), plain, decisive, "leave it as it was", "the settings that it began with")
-    return True
-
-
-main = command(refocus, prepare, functools.partial(resume.expanded, last=lambda run: run.folder))
+main = command(refocus, resume.go_on, resume.expanded_to_folder)
 
 if __name__ == "__main__":
     main()

@@ -21,6 +21,7 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
+from lfref.cli import config as configs
 from lfref.cli import parts
 from lfref.errors import CheckpointError, InputError, LfrefError
 from lfref.io import atomic
@@ -180,6 +181,25 @@ def refuse_changes(run: Run, config: dict[str, Any]) -> None:
         InputError: Some entries differ; the message names them.
     """
     refuse_other(run, config, PROTECTED, "leave it as it was, or give allow_changes=true", "what it was trained on")
+
+
+def go_on(config: DictConfig, folder: Path) -> bool:
+    """Refuse to resume a run with other settings than its own; a job of a sweep that is started again goes on.
+
+    For commands whose results are one after the other, each whole or missing.
+    """
+    if is_sweep_job() and (folder / runs.OVERRIDES).is_file():
+        config.resume = str(folder)
+    if config.resume is not None:
+        plain = configs.plain(config)
+        decisive = [key for key in plain if key not in (*FOLDERS, "overwrite", "device", "logger")]
+        refuse_other(Run(folder), plain, decisive, "leave it as it was", "the settings that it began with")
+    return True
+
+
+def expanded_to_folder(arguments: list[str]) -> list[str]:
+    """The command line with `resume=RUN` replaced by the overrides of that run, for `go_on`."""
+    return expanded(arguments, last=lambda run: run.folder)
 
 
 def refuse_other(run: Run, config: dict[str, Any], keys: Iterable[str], remedy: str, what: str) -> None:

@@ -138,23 +138,35 @@ def marked(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        written = ownership.files_below(folder) - foreign - {LOCK}
+        # A run that goes on writes files again that a killed one wrote and did not list.
+        listed_also = read_listed(folder).keys()
+        written = ownership.files_below(folder) - (foreign - listed_also) - {LOCK}
         ownership.write_mark(folder, ownership.RUN, ownership.digests(folder, written))
         unlock()
 
 
-def list_also(folder: Path, part: Path) -> None:
+def list_also(folder: Path, *parts: Path) -> None:
     """List files of a run before its end, since a killed run cannot do it at the end.
 
     Args:
         folder: The run folder.
-        part: A folder in it that holds nothing else.
+        parts: Files in it, and folders in it that hold nothing else.
     """
+    files = (
+        file
+        for part in parts
+        for file in (
+            (part / name for name in (*ownership.files_below(part), ownership.MARK)) if part.is_dir() else [part]
+        )
+    )
+    written = [file.relative_to(folder).as_posix() for file in files]
+    ownership.write_mark(folder, ownership.RUN, read_listed(folder) | ownership.digests(folder, written))
+
+
+def read_listed(folder: Path) -> dict[str, str | None]:
+    """The files that the mark of a run folder lists; none if it has no such mark."""
     mark = ownership.read_mark(folder)
-    listed = mark.files if mark is not None and mark.kind == ownership.RUN else {}
-    prefix = part.relative_to(folder).as_posix()
-    written = (f"{prefix}/{name}" for name in (*ownership.files_below(part), ownership.MARK))
-    ownership.write_mark(folder, ownership.RUN, listed | ownership.digests(folder, written))
+    return mark.files if mark is not None and mark.kind == ownership.RUN else {}
 
 
 def is_first_process() -> bool:

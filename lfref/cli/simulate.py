@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
-from lfref.cli import shards
+from lfref.cli import resume, run_folder, shards
 from lfref.cli.command import command, device_of, log, progress
 from lfref.cli.steps import fixed_planes
 from lfref.encoding import LINEAR, SRGB
@@ -22,6 +22,9 @@ from lfref.simulator.scenes import Scenes
 from lfref.simulator.simulate import Simulated, developed
 from lfref.simulator.simulate import simulate as simulated
 
+SHEETS, KINDS = "contact_sheets", ("disparity", "all_in_focus", "masks", "truth")
+"""Folders of the pictures of scenes, and of what is known of them."""
+
 
 def simulate(config: DictConfig, folder: Path) -> None:
     """Write light fields, `contact_sheets/NAME.png` and `OUTPUT/NAME.exr` (linear) of each requested output."""
@@ -34,12 +37,16 @@ def simulate(config: DictConfig, folder: Path) -> None:
     planes = fixed_planes(config)
     scenes: Scenes | Scene = configs.build(config.scene)
     indices = shards.share_of(range(n_fields), config.shard)
+    done = run_folder.read_listed(folder) if config.resume is not None else {}
     for index in progress(indices, "simulating"):
         scene = scenes if isinstance(scenes, Scene) else scenes.scene(seed, 0, index)
+        if f"{SHEETS}/{scene.name}.png" in done:
+            continue
         if not re.fullmatch(r"\w[\w.-]*", scene.name):
             raise InputError("a scene's name must be usable as the name of a file", got=repr(scene.name))
         result = simulated(scene, 0, outputs, planes.slopes, config.force, device, config.explain)
         _write(folder, scene, result, planes, suffix)
+        run_folder.list_also(folder, *_written(folder, scene.name, suffix))
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(result.rows))
     log.info("simulated %s in %s", counted(len(indices), "light field"), folder)
@@ -77,7 +84,13 @@ def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes
     if simulated.truth is not None:
         write.write_stack(folder / "truth" / f"{scene.name}.exr", simulated.truth, planes)
         cells |= pictures.plane_cells(developed(simulated.truth, scene.sensor), planes)
-    images.write_image(folder / "contact_sheets" / f"{scene.name}.png", pictures.views_sheet(cells))
+    images.write_image(folder / SHEETS / f"{scene.name}.png", pictures.views_sheet(cells))
 
 
-main = command(simulate)
+def _written(folder: Path, name: str, suffix: str) -> list[Path]:
+    """The files of a scene, and the folder of its views; the sheet, which is written last, tells that it is done."""
+    places = [folder / f"{name}{suffix}", *(folder / kind / f"{name}.exr" for kind in KINDS)]
+    return [path for path in (*places, folder / SHEETS / f"{name}.png") if path.exists()]
+
+
+main = command(simulate, resume.go_on, resume.expanded_to_folder)

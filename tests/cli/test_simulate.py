@@ -15,10 +15,26 @@ from lfref.io.read import find, read, read_stack
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
 from lfref.simulator.simulate import PAPER, simulate
+from tests.cli.test_bad_input import assert_one_line
 
 SMALL = ("scene.camera.size=[48,56]", "scene.camera.grid=[3,3]", "planes.alphas=[0.5,1,2]")
 SCENES = sorted(path.stem for path in (configs.directory() / "scene").glob("*.yaml"))
 OF_ANY_SIZE = sorted({*SCENES} - {"sim30", "everything"})
+
+KILLED = """
+import os, sys
+from lfref.cli import main
+from lfref.io import images
+write_image = images.write_image
+def killed(path, *arguments, **options):
+    if path.match("contact_sheets/*001.png"):
+        os._exit(9)
+    write_image(path, *arguments, **options)
+images.write_image = killed
+sys.argv = {line}
+main.main()
+"""
+"""A program whose run is killed before it writes the last file of its second scene."""
 
 
 @pytest.fixture
@@ -54,6 +70,27 @@ def test_files_hold_what_was_simulated(lfref, scene_of, tmp_path):
     assert torch.equal(stack, found.truth)
     assert torch.equal(depth(tmp_path / "out" / "disparity" / "foliage.exr"), found.disparity)
     assert (tmp_path / "out" / "contact_sheets" / "foliage.png").stat().st_size > 10000
+
+
+@pytest.mark.parametrize("suffix", ["", ".exr"])
+def test_a_killed_run_goes_on_with_the_scenes_that_are_missing(lfref, tmp_path, suffix):
+    words = ("simulate", "n_fields=3", f"suffix={suffix}", *SMALL)
+    assert lfref(*words, f"output={tmp_path}/whole")[0] == 0
+    out = tmp_path / "out"
+    line = ["lfref", *words, f"output={out}", "resume=auto"]
+    assert subprocess.run([sys.executable, "-c", KILLED.format(line=line)], check=False).returncode == 9
+    first = out / "contact_sheets" / "simulated_s0_e0_000.png"
+    time_ns = first.stat().st_mtime_ns
+    status, error = lfref(*words, f"output={out}", "resume=auto")
+    assert status == 0, error
+    assert first.stat().st_mtime_ns == time_ns
+    for path in (tmp_path / "whole").rglob("*.*"):
+        other = out / path.relative_to(tmp_path / "whole")
+        assert other.exists(), path
+        if path.suffix in (".exr", ".png"):
+            assert np.array_equal(images.read_image(other), images.read_image(path)), path
+    assert "settings that it began with" in assert_one_line(*lfref(*words, f"resume={out}", "seed=1"))
+    assert lfref(*words, f"output={out}", "overwrite=true")[0] == 0, "all files are the run's own"
 
 
 @pytest.mark.parametrize("suffix", ["", ".exr"])
