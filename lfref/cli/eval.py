@@ -28,6 +28,7 @@ from lfref.report import answers, comparison, crops, drawing, pictures, plots, t
 from lfref.report.answers import Answer
 
 PLANES = "planes.csv"
+"""Scores of every plane; a run that goes on leaves out the light fields in this table."""
 
 
 def evaluate(config: DictConfig, folder: Path) -> None:
@@ -45,7 +46,6 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     fields = {name: found[name] for name in shards.share_of(list(found), config.shard)}
     rows = _earlier_rows(folder / PLANES) if config.resume is not None else []
     done = {row["light_field"] for row in rows}
-    failure: LfrefError | None = None
 
     def read(_: str, path: Path) -> LightField:
         return steps.read_field(path, config, methods)
@@ -61,11 +61,12 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         figure = comparison.comparison(shown, planes, field.views.mean(dim=(0, 1)))
         picture = folder / "comparison" / f"{name}.png"
         drawing.save_figure(figure, picture)
-        # The rows come last, so that a light field in the table is done, also after the run was killed.
+        # Rows are written after the picture, so that a killed run leaves no light field in the table without one.
         rows.extend(accuracy.plane_rows(name, stacks, labels, planes))
         tables.write_table(folder / PLANES, rows)
         run_folder.list_also(folder, picture, folder / PLANES)
 
+    failure: LfrefError | None = None
     with _logging(config) as log_evaluation:
         remaining = {name: path for name, path in fields.items() if name not in done}
         try:

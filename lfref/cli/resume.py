@@ -186,7 +186,7 @@ def refuse_changes(run: Run, config: dict[str, Any]) -> None:
 def go_on(config: DictConfig, folder: Path) -> bool:
     """Refuse to resume a run with other settings than its own; a job of a sweep that is started again goes on.
 
-    For commands whose results are one after the other, each whole or missing.
+    For commands that write one result after the other, each of them whole or not at all.
     """
     if is_sweep_job() and (folder / runs.OVERRIDES).is_file():
         config.resume = str(folder)

@@ -138,7 +138,7 @@ def marked(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # A run that goes on writes files again that a killed one wrote and did not list.
+        # Files that a killed run wrote but did not list are the run's own once it has written them again.
         listed_also = read_listed(folder).keys()
         written = ownership.files_below(folder) - (foreign - listed_also) - {LOCK}
         ownership.write_mark(folder, ownership.RUN, ownership.digests(folder, written))
@@ -152,15 +152,11 @@ def list_also(folder: Path, *parts: Path) -> None:
         folder: The run folder.
         parts: Files in it, and folders in it that hold nothing else.
     """
-    files = (
-        file
-        for part in parts
-        for file in (
-            (part / name for name in (*ownership.files_below(part), ownership.MARK)) if part.is_dir() else [part]
-        )
-    )
-    written = [file.relative_to(folder).as_posix() for file in files]
-    ownership.write_mark(folder, ownership.RUN, read_listed(folder) | ownership.digests(folder, written))
+    files: list[Path] = []
+    for part in parts:
+        files += [part / name for name in (*ownership.files_below(part), ownership.MARK)] if part.is_dir() else [part]
+    names = (file.relative_to(folder).as_posix() for file in files)
+    ownership.write_mark(folder, ownership.RUN, read_listed(folder) | ownership.digests(folder, names))
 
 
 def read_listed(folder: Path) -> dict[str, str | None]:

@@ -88,7 +88,7 @@ def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes
 
 
 def _written(folder: Path, name: str, suffix: str) -> list[Path]:
-    """The files of a scene, and the folder of its views; the sheet, which is written last, tells that it is done."""
+    """The files of a scene, and the folder of its views. The sheet is written last: a scene that has one is whole."""
     places = [folder / f"{name}{suffix}", *(folder / kind / f"{name}.exr" for kind in KINDS)]
     return [path for path in (*places, folder / SHEETS / f"{name}.png") if path.exists()]
 

@@ -4,12 +4,15 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
 from lfref.cli import main as cli
+from lfref.io.write import write
+from lfref.lightfield import LightField
 from lfref.train.modules import Refocusing
 
 TINY_DATA = (
@@ -28,6 +31,16 @@ TINY = (*TINY_DATA, *TINY_NET)
 def is_no_job(monkeypatch):
     """Hydra keeps the configuration of its last job: a later test would take itself for a job of the same sweep."""
     monkeypatch.setattr(HydraConfig.instance(), "cfg", None)
+
+
+@pytest.fixture
+def captures(tmp_path):
+    """A folder of three light fields, one of which cannot be read."""
+    for name in ("first one", "second", "third"):
+        write(tmp_path / "captures" / name, LightField(torch.rand(3, 3, 3, 32, 40)))
+    view = tmp_path / "captures" / "second" / "second_01_01.png"
+    view.write_bytes(view.read_bytes()[:-30])
+    return tmp_path / "captures"
 
 
 @pytest.fixture

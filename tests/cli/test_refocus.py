@@ -20,16 +20,6 @@ from tests.io import lytro_drawing
 QUICK = ("method=shift_and_sum", "slopes=[-0.5,0.5]")
 
 
-@pytest.fixture
-def captures(tmp_path):
-    """A folder of three light fields, one of which cannot be read."""
-    for name in ("first one", "second", "third"):
-        write(tmp_path / "captures" / name, LightField(torch.rand(3, 3, 3, 32, 40)))
-    view = tmp_path / "captures" / "second" / "second_01_01.png"
-    view.write_bytes(view.read_bytes()[:-30])
-    return tmp_path / "captures"
-
-
 def test_one_bad_capture_does_not_stop_the_others(lfref, captures, tmp_path):
     status, error = lfref("refocus", captures, f"output={tmp_path}/out", *QUICK)
     assert status == 1
