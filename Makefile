@@ -19,7 +19,7 @@ export NO_MKDOCS_2_WARNING ?= 1
 
 help:
 	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in two pages"
-	@echo "make test                       linters, types, floors, the site and all tests"
+	@echo "make test                       linters, types, import layers, the site and all tests"
 	@echo "make site                       the pages and the reference as a site, in runs/site"
 	@echo "make figures                    measure the figures of README and docs again"
 	@echo "make paper                      the paper's experiments, against the truth; goes on where it was stopped"
@@ -38,13 +38,13 @@ $(VENV)/installed: pyproject.toml constraints.txt
 
 demo: install
 	rm -rf "$(DEMO)"
-	$(BIN)/lfref simulate output="$(DEMO)/scenes" n_fields=4 scene.camera.size=[240,320] outputs=[views] seed=2026
+	$(BIN)/lfref simulate output="$(DEMO)/scenes" n_fields=4 scene.camera.size=[240,320] outputs=[views,truth] seed=2026
 	$(BIN)/lfref train experiment=demo output="$(DEMO)/refnet_demo"
-	$(BIN)/lfref eval "$(DEMO)/scenes" run="$(DEMO)/refnet_demo" output="$(DEMO)/eval"
+	$(BIN)/lfref eval "$(DEMO)/scenes" run="$(DEMO)/refnet_demo" truth="$(DEMO)/scenes/truth" output="$(DEMO)/eval"
 	$(BIN)/lfref refocus "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/refocus_refnet"
 	$(BIN)/lfref refocus "$(FIELD)" method=shift_and_sum output="$(DEMO)/refocus_shift_and_sum"
 	$(BIN)/lfref refocus "$(FIELD)" method=learned planes=paper output="$(DEMO)/refocus_learned"
-	$(BIN)/lfref bench "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/bench" repeats=2
+	$(BIN)/lfref bench "$(FIELD)" run="$(DEMO)/refnet_demo" $(if $(INPUT),,truth="$(DEMO)/scenes/truth") output="$(DEMO)/bench" repeats=2
 	$(BIN)/lfref report $(foreach run,refnet_demo eval refocus_refnet refocus_learned refocus_shift_and_sum bench,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo"
 	$(BIN)/lfref view "$(FIELD)" output="$(DEMO)/view"
 
@@ -64,6 +64,7 @@ figures: $(VENV)/checks
 	$(BIN)/python docs/exported.py
 	$(BIN)/python docs/browsing.py
 	$(BIN)/python docs/training_speed.py
+	$(BIN)/python docs/paper_speed.py
 	$(BIN)/python docs/living.py --film
 	$(BIN)/python docs/measure.py
 	$(BIN)/python docs/pictures.py

@@ -1,4 +1,4 @@
-"""Ablations against the truth: the paper's choices over five seeds and two lengths; the table of `ablations.md`.
+"""Ablations against the truth: the paper's choices over five seeds and two lengths; the tables of `ablations.md`.
 
 Each variant gets a learning rate of its own, the best of `RATES` by a short training with another seed. Results go
 into `docs/ablations.csv`, one row for each network: `make ablations` trains what is missing there, so that the
@@ -8,6 +8,7 @@ experiment goes on where it was stopped, on any machine. Rows by another version
 
 import argparse
 import functools
+import itertools
 import subprocess
 import sys
 import threading
@@ -65,6 +66,9 @@ LENGTHS = {
     "long": ("trainer.max_epochs=10", "+trainer.limit_train_batches=160"),
 }
 """160 and 1,600 steps; the learning rate falls along a cosine, epoch by epoch."""
+LONGEST = {"longest": ("trainer.max_epochs=100", "+trainer.limit_train_batches=160")}
+"""16,000 steps, an hour of one processor: for few variants."""
+VARIANTS_LONGEST = (PAPER, "gamma 0: no 1/PSNR")
 SCENES = tuple(sim30.SCENES)[::3]
 WIDE, FOCUS = 0.25, 0.75  # alphas up to where blur is wide, and from where scenes are near focus
 ROUNDS = 4  # of the measurement of time, of which the first is a warm-up
@@ -90,7 +94,12 @@ class Member:
     @property
     def overrides(self) -> list[str]:
         """Overrides of `lfref train`, without those of the data."""
-        own = (*VARIANTS[self.variant], *LENGTHS[self.length], f"optimizer.lr={self.rate:g}", f"seed={self.seed}")
+        own = (
+            *VARIANTS[self.variant],
+            *(LENGTHS | LONGEST)[self.length],
+            f"optimizer.lr={self.rate:g}",
+            f"seed={self.seed}",
+        )
         return [*SETUP, *own]
 
     @property
@@ -176,13 +185,12 @@ def tuning() -> Iterator[Member]:
     return (Member(variant, "short", TUNING_SEED, rate) for variant in VARIANTS for rate in RATES)
 
 
-def members(length: str, results: Results, n_seeds: int) -> Iterator[Member]:
+def members(length: str, variants: Iterable[str], results: Results, n_seeds: int) -> Iterator[Member]:
     """The trainings of one length, seed by seed, so that few seeds of all variants come before many of some."""
-    for seed in range(n_seeds):
-        for variant in VARIANTS:
-            rate = results.best_rate(variant)
-            assert rate is not None, "rates are chosen first"
-            yield Member(variant, length, seed, rate)
+    for seed, variant in itertools.product(range(n_seeds), variants):
+        rate = results.best_rate(variant)
+        assert rate is not None, "rates are chosen first"
+        yield Member(variant, length, seed, rate)
 
 
 def prepare(folder: Path) -> Path:
@@ -264,6 +272,19 @@ def table(results: Results, sizes: pd.DataFrame) -> Iterator[str]:
     yield f"{WIDE:g}; near focus: from {FOCUS:g}."
 
 
+def table_by_length(results: Results) -> Iterator[str]:
+    """The variants that were trained longest, at all lengths."""
+    yield "| variant | steps | seeds | by truth, dB | wide blur, dB | near focus, dB | Delta E |"
+    yield "|---|---|---|---|---|---|---|"
+    steps = dict(zip([*LENGTHS, *LONGEST], ("160", "1,600", "16,000"), strict=True))
+    for variant, (length, n_steps) in itertools.product(VARIANTS_LONGEST, steps.items()):
+        own = results.of(length)
+        own = own[own["variant"] == variant]
+        cells = [_mean(own[name]) for name in ("psnr_db", "wide_db", "focus_db")]
+        cells.append(_mean(own["delta_e"], ".2f"))
+        yield f"| {' | '.join([variant, n_steps, str(len(own)), *cells])} |"
+
+
 def _span(counts: pd.Series) -> str:
     low, high = (counts.min(), counts.max()) if len(counts) else (0, 0)
     return f"{low}" if low == high else f"{low} to {high}"
@@ -292,6 +313,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", default=list(SCENES), help="of sim30, with --runs elsewhere")
     parser.add_argument("--processes", type=int, default=2, help="trainings side by side, of one thread each")
     parser.add_argument("--seeds", type=int, default=N_SEEDS, help="how many; more can be added later")
+    parser.add_argument("--longest-seeds", type=int, default=1, help="of 16,000 steps, an hour of a processor each")
     parser.add_argument(
         "--size", nargs=2, type=int, default=(375, 540), help="height and width of the light field for the times"
     )
@@ -307,12 +329,17 @@ def main() -> None:
     experiment = Experiment(runs, results, cases, [*data, *options.overrides])
     experiment.run(tuning(), options.processes, "rates")
     for length in LENGTHS:
-        experiment.run(members(length, results, options.seeds), options.processes, length)
-    lines = "\n".join(table(results, costs(tuple(options.size))))
+        experiment.run(members(length, VARIANTS, results, options.seeds), options.processes, length)
+    longest = members(*LONGEST, VARIANTS_LONGEST, results, options.longest_seeds)
+    experiment.run(longest, options.processes, *LONGEST)
+    lines = {
+        "ablations": "\n".join(table(results, costs(tuple(options.size)))),
+        "ablations_length": "\n".join(table_by_length(results)),
+    }
     if is_ours:
-        markers.fill({"ablations": lines})
+        markers.fill(lines)
     else:
-        print(lines)
+        print(*lines.values(), sep="\n\n")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ a paragraph and a table, and `page.png`, from which `docs/pictures.py page.jpg` 
 """
 
 import json
+import math
 import shutil
 import statistics
 import subprocess
@@ -27,6 +28,7 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_throu
 from lfref.report import drawing
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
+from lfref.viewer.coding import ViewQuality
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "browsing"
 SCENE, TAP = "thicket", (0.535, 0.57)
@@ -34,6 +36,9 @@ SCENE, TAP = "thicket", (0.535, 0.57)
 WINDOW, PIXELS_WIDE = (1100, 755), 900
 """Size of the window, and width of the picture, in pixels."""
 GRID, SIZE, LOADS, N_EVENTS = (9, 9), (375, 540), 7, 20
+VIEWPORT = {"width": 1280, "height": 900}
+UNTOUCHED_MS = 2000
+"""Milliseconds in which a page has painted its first picture."""
 QUALITY_SCENES, QUALITY_SLOPES, MARGIN = ("thicket", "twigs", "apple"), (-7.0, -3.0, -1.0, 0.2, 0.5, 1.0), 12
 FIRST_PAINT = "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null"
 RESTS = "() => stage.dataset.rests === 'true' && !motion && !isRequested && drawing.took() !== null"
@@ -70,7 +75,7 @@ def chromium() -> Iterator[Any]:
 
 def opened(browser: Any, page: Path, **options: Any) -> Any:
     """A page whose lens is ready and rests."""
-    tab = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, "reduced_motion": "reduce"} | options)
+    tab = browser.new_context(**{"viewport": VIEWPORT, "reduced_motion": "reduce"} | options)
     tab = tab.new_page()
     tab.goto(page.as_uri())
     tab.wait_for_function("() => drawing !== null")
@@ -83,9 +88,14 @@ def measure(page: Path) -> dict[str, Any]:
     paints, ready, following = [], [], []
     with chromium() as browser:
         for _ in range(LOADS):
+            # Nothing asks the page before it has painted: questions take time on the thread that paints.
+            untouched = browser.new_context(viewport=VIEWPORT, reduced_motion="reduce").new_page()
+            untouched.goto(page.as_uri())
+            untouched.wait_for_timeout(UNTOUCHED_MS)
+            paints.append(untouched.evaluate(FIRST_PAINT))
+            untouched.context.close()
             tab = opened(browser, page)
             ready.append(tab.evaluate("() => readyAt"))
-            paints.append(tab.evaluate(FIRST_PAINT))
             following.append(tab.evaluate(EVENTS, N_EVENTS))
             tab.context.close()
         version = browser.version
@@ -107,11 +117,18 @@ def qualities() -> list[dict[str, Any]]:
                 operator(case.light.views, planes.slopes) for operator in (shift_and_sum, shift_and_sum_through_cells)
             )
             shown = Refocused(case.light, cells, planes)
-            page = Path(name, "index.html")
-            view_page.write(page, "quality", {}, view_page.page_content({"cells": shown}))
-            tab = opened(browser, page)
-            pictures = [_light(tab.evaluate(PICTURE, slope)) for slope in QUALITY_SLOPES]
-            stacks = {"shift_and_sum": plain, "shift_and_sum_through_cells": cells, "page": torch.stack(pictures)}
+            of_8_bits = shift_and_sum_through_cells(_in_8_bits(case.light.views), planes.slopes)
+            stacks = {
+                "shift_and_sum": plain,
+                "shift_and_sum_through_cells": cells,
+                "the same, of 8 bits": _in_8_bits(of_8_bits),
+            }
+            for title, quality in {"page": None, "page, views=exact": ViewQuality(math.inf, None)}.items():
+                page = Path(name, "index.html")
+                view_page.write(page, "quality", {}, view_page.page_content({"cells": shown}, quality=quality))
+                tab = opened(browser, page)
+                stacks[title] = torch.stack([_light(tab.evaluate(PICTURE, slope)) for slope in QUALITY_SLOPES])
+                tab.context.close()
             inner = (..., slice(MARGIN, -MARGIN), slice(MARGIN, -MARGIN))
             for method, stack in stacks.items():
                 values = psnr(stack[inner].double(), case.reference[inner].double())
@@ -119,8 +136,12 @@ def qualities() -> list[dict[str, Any]]:
                     {"scene": case.light.name, "method": method, "slope": slope, "psnr_db": float(value)}
                     for slope, value in zip(QUALITY_SLOPES, values, strict=True)
                 ]
-            tab.context.close()
     return rows
+
+
+def _in_8_bits(light: torch.Tensor) -> torch.Tensor:
+    """Light [..., H, W] as a screen shows it: between 0 and 1, in 8 bits of sRGB."""
+    return encoding.SRGB.decode((255 * encoding.SRGB.encode(light.clamp(0, 1))).round() / 255)
 
 
 def _light(read: tuple[int, int, list[int]]) -> torch.Tensor:

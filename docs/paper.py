@@ -35,7 +35,7 @@ class Experiment:
 
     runs: Path = RUNS
     scenes: tuple[str, ...] = tuple(sim30.SCENES)
-    size: tuple[int, int] = (375, 540)
+    size: tuple[int, int] = paper_speed.SIZE
     """Height and width of the light field for the times."""
     overrides: tuple[str, ...] = ()
     """More overrides of `lfref train`."""
@@ -116,7 +116,7 @@ def main() -> None:
     rows = measure(experiment)
     speed = paper_speed.cached(experiment.runs / "speed.csv", experiment.size)
     lines = {name: "\n".join(table(rows)) for name, table in paper_tables.TABLES.items()}
-    lines["paper_claims"] = "\n".join(paper_tables.claims(rows, speed.rows))
+    lines["paper_claims"] = "\n".join(paper_tables.claims(rows))
     lines["paper_speed"] = "\n".join(paper_speed.table(speed))
     is_ours = experiment.runs == RUNS
     pictures = markers.ROOT / "docs" / "pictures" if is_ours else experiment.runs / "pictures"
@@ -135,7 +135,7 @@ def _from_arguments() -> Experiment:
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks and tables")
     parser.add_argument("--scenes", nargs="+", default=list(sim30.SCENES), help="of sim30, for the evaluation")
     parser.add_argument(
-        "--size", nargs=2, type=int, default=(375, 540), help="height and width of the light field for the times"
+        "--size", nargs=2, type=int, default=paper_speed.SIZE, help="height and width of the light field for the times"
     )
     options = parser.parse_args()
     return Experiment(options.runs.resolve(), tuple(options.scenes), tuple(options.size), tuple(options.overrides))

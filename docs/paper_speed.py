@@ -1,5 +1,6 @@
 """Time of refocusing as the paper measures it: one light field, a batch of four, from disk to pictures.
 
+`python docs/paper_speed.py` measures it anew and fills the table of `paper.md`; `docs/paper.py` measures it once.
 The unit is the paper's, NumPy's 4-D FFT of the three channels, measured in the same rounds. Networks are untrained:
 weights cost no time.
 """
@@ -11,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import markers
 import pandas as pd
 import torch
 from omegaconf import OmegaConf
@@ -34,6 +36,10 @@ QUICK_ROUNDS, SLOW_ROUNDS = 6, 2  # the first of each is a warm-up
 QUICK = ("shift_and_sum", "shift_and_sum_through_cells", "fourier_slice", "occlusion_aware")
 NETWORKS = {"RefNet": "refnet", "RefNet, shuffled": "refnet_shuffled", "RefNet, narrow": "refnet_narrow"}
 """Name in tables -> file of `conf/net`."""
+
+
+CACHE, SIZE = markers.ROOT / "runs" / "paper" / "speed.csv", (375, 540)
+"""Table of the times, and height and width of the light field in pixels."""
 
 
 class Speed(NamedTuple):
@@ -63,6 +69,9 @@ def table(speed: Speed) -> Iterator[str]:
     yield ""
     yield f"Light fields of 7x7x3x{facts['size']}, 16 planes, float32; NumPy's FFT of one takes {unit:.2f} s."
     yield "Disk: 49 PNG files, in the system's cache, to 16."
+    sums, network = (speed.rows.set_index("method").loc[method] for method in ("shift_and_sum", "RefNet"))
+    yield f"Shift-and-sum makes all planes {sums['fft_s'] / sums['one_s']:.0f} times faster than the FFT, in"
+    yield f"{1e3 * sums['one_s']:.0f} ms; RefNet takes {network['one_s'] / network['fft_s']:.1f} FFTs."
     yield f"{facts['processor']}, {facts['threads']} threads, torch {facts['torch']}, NumPy {facts['numpy']}; medians."
 
 
@@ -118,3 +127,13 @@ def _batch(method: Refocuser, views: Tensor) -> None:
 
 def _from_disk(method: Refocuser, field: Path, folder: Path) -> None:
     write.write_stack(folder, method(lfref.read(field), PLANES.slopes), PLANES)
+
+
+def main() -> None:
+    """Measure anew, and fill the table of the page."""
+    CACHE.unlink(missing_ok=True)
+    markers.fill({"paper_speed": "\n".join(table(cached(CACHE, SIZE)))})
+
+
+if __name__ == "__main__":
+    main()

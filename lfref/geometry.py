@@ -72,13 +72,14 @@ def even_slopes(n_planes: int, first: float = -1.0, last: float = 1.0) -> Tensor
     Raises:
         InputError: No plane, or an end that is not finite.
     """
-    if n_planes < 1 or not (math.isfinite(first) and math.isfinite(last)):
+    if n_planes < 1 or not all(map(math.isfinite, (first, last))) or not float(n_planes).is_integer():
         raise InputError(
-            "an even grid needs n_planes >= 1 and finite ends", got=f"{n_planes} planes from {first} to {last}"
+            "an even grid needs a whole number of planes and finite ends",
+            got=f"{n_planes} planes from {first} to {last}",
         )
     if n_planes == 1:
         return torch.tensor([(first + last) / 2], dtype=torch.float64)
-    return torch.linspace(first, last, n_planes, dtype=torch.float64)
+    return torch.linspace(first, last, int(n_planes), dtype=torch.float64)
 
 
 def checked_alphas(alphas: Iterable[float]) -> tuple[float, ...]:
@@ -107,6 +108,19 @@ def corner_shift(slopes: Tensor, grid: Sequence[float]) -> float:
     return float(slopes.abs().max()) * (max(grid) - 1) / 2
 
 
+def as_slopes(slopes: Slopes) -> Tensor:
+    """Slopes (or one number) as float64 on the CPU, [N]; an InputError unless they are finite numbers."""
+    try:
+        values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").detach().reshape(-1)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(
+            "slopes must be a list of numbers", got=repr(slopes), remedy="for example [-1,0,0.5]"
+        ) from error
+    if values.numel() == 0 or not bool(values.isfinite().all()):
+        raise InputError("slopes must be finite and at least one", got=values.tolist())
+    return values
+
+
 def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -> Tensor:
     """The slopes as float64 on the CPU, after a check that they fit the views.
 
@@ -121,14 +135,7 @@ def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -
     Raises:
         InputError: There is no slope, a slope is not finite, or the corner shift is half a view or more.
     """
-    try:
-        values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").detach().reshape(-1)
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise InputError(
-            "slopes must be a list of numbers", got=repr(slopes), remedy="for example [-1,0,0.5]"
-        ) from error
-    if values.numel() == 0 or not bool(values.isfinite().all()):
-        raise InputError("slopes must be finite and at least one", got=values.tolist())
+    values = as_slopes(slopes)
     for n_views, length, axis in zip(grid, size, ("height", "width"), strict=True):
         if (shift := corner_shift(values, (n_views,))) > 0 and shift >= length / 2:
             raise InputError(

@@ -77,7 +77,7 @@ def test_even_slopes_by_hand(arguments, slopes):
 
 @pytest.mark.parametrize("arguments", [(0,), (-3,), (4, math.nan), (4, -1.0, math.inf)])
 def test_a_grid_of_no_planes_or_without_ends_is_refused(arguments):
-    with pytest.raises(InputError, match=rf"n_planes >= 1 and finite ends; got {arguments[0]} planes"):
+    with pytest.raises(InputError, match=rf"whole number of planes and finite ends; got {arguments[0]} planes"):
         geometry.even_slopes(*arguments)
 
 

@@ -46,9 +46,10 @@ from lfref.simulator.simulate import developed, simulate, white_picture
 IDEAL, SENSOR, CORRECTED, WIDE, ALIASED = "ideal", "sensor", "corrected", "wide", "aliased"
 """Classes of scenes in the tables: without a sensor; with one; the latter corrected; with views far apart; and with
 textures and edges that alias, as photographs have them, without a sensor."""
-CAPTURE, HOLD_OUT = "capture", "hold_out"
-"""Classes of captures in the tables: all views; some of them, the others held out. The held-out views are evidence of
-the second rank: they know edges no better than views do, and misrank methods there."""
+CAPTURE, HOLD_OUT, GIVEN = "capture", "hold_out", "given"
+"""Classes of light fields in the tables: all views, without a known truth; some of them, the others held out; all
+views, with a truth that was given. The held-out views are evidence of the second rank: they know edges no better than
+views do, and misrank methods there."""
 N_WIDE_PLANES = 8
 """Planes of a scene of the class `wide`, evenly spaced over its own disparities."""
 TRUTH, DENSE = "truth", "dense_integral"

@@ -26,7 +26,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import CoarseDisparity, ReducedViews
 
-VERSION = 2
+VERSION = 3
 """Version of all corrections, a part of cache keys; raise it when corrected light fields change."""
 SMALLEST = 32
 """Least height and width of views: 8 of the 4-pixel blocks in which brightness is compared."""
@@ -221,7 +221,8 @@ def correct(
         profile: Corrections of another capture of the camera, or their file; applied without new estimates.
 
     Returns:
-        The corrected light field (`field` itself if nothing is corrected), and the corrections.
+        The corrected light field (`field` itself if nothing is corrected), and the corrections. Estimates have no
+        gradients, nor have views that are corrected by them; those corrected by a profile do.
 
     Raises:
         InputError: The white picture or the profile has another grid or size; both are given; or the white picture has
@@ -279,6 +280,7 @@ def correct_by_option(
     return dataclasses.replace(corrected, positions=positions), corrections
 
 
+@torch.no_grad()
 def estimate_and_correct(
     field: LightField, white: LightField | None = None, view: CentralView | None = None, in_place: bool = False
 ) -> tuple[LightField, Corrections]:
@@ -308,18 +310,21 @@ def estimate_and_correct(
 
     # Each correction changes the estimates after it.
     view = view or central_view(field)
-    if correct_if_due(view_order.find(view.reduced)):
+    order = view_order.find(view.reduced)
+    if correct_if_due(order):
         view = central_view(field)
+        white = None if white is None else order.corrected(white)  # it was read in the same order
     is_new = correct_if_due(hot_pixels.find(field, view.disparity, view.reference))
     is_new |= correct_if_due(black_views.find(field))
+    # A white picture compares no views of the light field. Strong shading may be why they show nothing in common.
+    is_new |= white is not None and field.is_linear and correct_if_due(vignetting.find_by_white(white))
     view = central_view(field) if is_new else view
     if not view.is_comparable:
-        reason = "unknown: the views show no common disparities"
-        skipped = {vignetting.VignettingDefect.name: reason, brightness.ExposureDefect.name: reason} | skipped
+        names = [brightness.ExposureDefect.name, *([vignetting.VignettingDefect.name] if white is None else [])]
+        skipped = dict.fromkeys(names, "unknown: the views show no common disparities") | skipped
     elif field.is_linear:
         ratios = brightness.ratios(field, view.disparity, view.reference)
-        shading = vignetting.find(ratios) if white is None else vignetting.find_by_white(white)
-        if correct_if_due(shading):
+        if white is None and correct_if_due(vignetting.find(ratios)):
             view = central_view(field)
             ratios = brightness.ratios(field, view.disparity, view.reference)
         if correct_if_due(brightness.find_exposure(ratios)):
@@ -397,9 +402,9 @@ def load(path: str | Path) -> Corrections:
     if not Path(path).is_file():
         raise FileError(f"no corrections at {path}", remedy=remedy)
     try:
-        content: Any = torch.load(path, weights_only=True, map_location="cpu")
+        content: Any = tensor_files.read_checkpoint(Path(path))
     except Exception as error:  # torch raises errors of many kinds for damaged archives
-        got = "another kind of file, or a damaged one"
+        got = "another kind of file, or a damaged or changed one"
         raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
     if not isinstance(content, dict) or content.get("format") not in FORMATS:
         raise FileError(f"{path} must hold corrections", got="another file", remedy=remedy)

@@ -18,6 +18,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.functional import loops
+from lfref.refocus import batches
 from lfref.simulator.effects import displacement
 
 SIDE = 16  # side of a patch, in pixels
@@ -92,7 +93,7 @@ def read_patches(
     tables = (which, rows, columns, weights[:, :, 0], weights[:, :, 1], samples)
     arrays = [table.contiguous().numpy() for table in tables]
     n_threads = loops.worthwhile(samples.numel(), 1 << 16)  # samples per thread, by trial
-    source = views.detach().numpy()
+    source = batches.radiance(views.detach()).numpy()
     bands = loops.bands(len(samples), n_threads)
     loops.share(lambda first, last: _read(source, *arrays, first, last), bands, n_threads)
     return samples

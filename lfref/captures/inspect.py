@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from lfref import geometry
@@ -167,6 +168,7 @@ class Inspection:
         }
 
 
+@torch.no_grad()
 def inspect(field: LightField, white: LightField | None = None) -> Inspection:
     """Inspect a light field.
 

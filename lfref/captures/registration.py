@@ -136,6 +136,7 @@ def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor
         unknown: Patterns of shifts that are left at 0, orthonormal, [2I, M].
     """
     n_views, trust = len(positions), shown
+    unknown = _among(unknown, shown.any(0))
     for _ in range(4):  # number of weightings of outliers, by trial
         weights = trust[..., None, None] * information[:, None]
         # Normal equations of (shifts, disparities). Disparities are eliminated first: they belong to one patch each.
@@ -157,6 +158,14 @@ def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor
         typical = (outlying[shown > 0] if bool(shown.any()) else outlying).median().clamp(min=TINY)
         trust = shown / (1 + outlying / (OUTLYING**2 * typical))
     return Explanation(shifts, disparities, inner.diagonal(dim1=-2, dim2=-1) / typical, trust)
+
+
+def _among(patterns: Tensor, is_there: Tensor) -> Tensor:
+    """Patterns of shifts [2I, M], reduced to the views that are there [I]: missing ones would absorb their shifts."""
+    if bool(is_there.all()):
+        return patterns
+    left, sizes, _ = torch.linalg.svd(patterns * is_there.repeat_interleave(2)[:, None], full_matrices=False)
+    return left[:, sizes > 1e-6]  # patterns of length 1 that are no sum of the others
 
 
 def proportional_shifts(positions: Tensor) -> Tensor:

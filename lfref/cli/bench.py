@@ -3,6 +3,7 @@
 What the groups share comes first: rounds, light fields, scenes, facts of the machine. One section per group follows.
 """
 
+import dataclasses
 import functools
 import itertools
 import json
@@ -43,7 +44,7 @@ from lfref.cli.steps import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.data.label_sources import Labels
 from lfref.engines.engine import NetworkFunction
-from lfref.errors import InputError, chosen, counted
+from lfref.errors import InputError, chosen, counted, first_line
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
@@ -88,10 +89,20 @@ def configured_rounds(config: DictConfig, counted: str = "repeats") -> Rounds:
     return Rounds(int(configs.number(config, counted, 1)), int(configs.number(config, "warmup", 0)))
 
 
+def whole_numbers(config: DictConfig, key: str, least: int) -> list[int]:
+    """The list of whole numbers `config[key]`; refused if it is no list, or if one of them is below `least`."""
+    values = configs.plain(config[key])
+    if not isinstance(values, list) or not all(type(value) is int and value >= least for value in values):
+        expected = f"{key} must be a list of whole numbers of at least {least}"
+        raise InputError(expected, got=values, remedy=f"write {key}=[3,5]")
+    return values
+
+
 def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> list[LightField]:
     """The light fields of `input`, or simulated ones of the paper's size."""
     if config.input is not None:
-        return [steps.read_field(path, config, refocusers) for path in steps.find_fields(config).values()]
+        found = steps.find_fields(config).items()
+        return [dataclasses.replace(steps.read_field(path, config, refocusers), name=name) for name, path in found]
     source: SimulatedSource = configs.build(config.source)
     return [source.field(index) for index in range(len(source))]
 
@@ -128,9 +139,9 @@ def write_facts(
 def causes(config: DictConfig, folder: Path) -> None:
     """Write `causes.csv`, `causes_by_plane.csv`, `causes_by_scene.csv`, `machine.json` and `causes.png`."""
     device, margin = device_of(config.device), int(configs.number(config, "margin", 0))
-    grids = tuple(int(n) for n in configs.plain(config.grids))
+    grids = tuple(whole_numbers(config, "grids", 1))
     plan = CauseSettings(fixed_planes(config), margin, configs.build(config.sensor), grids, device)
-    remedies = list(configs.build(config.remedies).values())
+    remedies = list(steps.parts_of(config.remedies).values())
     name_apart(remedies)
     scenes = test_scenes(config.test_scenes, "1")
     measured = pd.DataFrame(
@@ -170,6 +181,9 @@ def engines(config: DictConfig, folder: Path) -> None:
     fields = Fields(whole, [small.field(index) for index in range(len(small))])
     measured = [_measure(make(fields=fields, device=device), choices, repeats[name]) for name, make in cases]
     starts, passed = (pd.concat(tables) for tables in zip(*measured, strict=True))
+    if passed.empty:
+        reasons = "; ".join(dict.fromkeys(starts["skipped"].map(first_line)))
+        raise InputError("at least one engine must run the network", got=reasons)
     table = engine_timing.summary(passed, starts)
     for name, rows in {"engines": table, "passes": passed}.items():
         tables.write_table(folder / f"{name}.csv", rows)
@@ -248,6 +262,8 @@ def front(config: DictConfig, folder: Path) -> None:
     margin = int(configs.number(config, "margin", 0))
     planes = fixed_planes(config)
     methods = _methods(config, device)
+    if config.truth is not None and config.input is None:
+        raise InputError("truth belongs to light fields of yours", got="no input", remedy="give input=LIGHT_FIELDS")
     cases: Iterable[EvaluationCase]
     captures = [] if config.input is None else _capture_cases(config, methods, planes, device)
     if config.input is None:
@@ -285,7 +301,7 @@ def front(config: DictConfig, folder: Path) -> None:
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
     networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
-    methods = [*(method.to(device) for method in configs.build(config.methods).values()), *networks]
+    methods = [*(method.to(device) for method in steps.parts_of(config.methods).values()), *networks]
     name_apart(methods)
     return methods
 
@@ -319,15 +335,26 @@ def _capture_cases(
     config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
 ) -> list[EvaluationCase]:
     """The cases of the light fields of `input`."""
+    if config.truth is not None and config.thin is not None:
+        raise InputError("truth and thin are two references", got="both", remedy="give one of them")
     corrected = (
         correct_by_option(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
         for field in light_fields(config, methods if config.thin is None else ())
     )
+    if config.truth is not None:
+        names = list(steps.find_fields(config))
+        truths = (steps.read_truth(config.truth, name, len(names)) for name in names)
+        return [_given_case(field, truth, planes) for field, truth in zip(corrected, truths, strict=True)]
     if config.thin is None:
         log.info("no truth is known of these light fields: the reference is exact refocusing of their own views")
         return list(evaluation.capture_cases(corrected, planes.slopes))
     # Methods get every second or third view, the others are the reference.
     return list(evaluation.hold_out_cases(corrected, int(configs.number(config, "thin", 2)), planes.slopes))
+
+
+def _given_case(field: LightField, truth: tuple[Tensor, FocalPlanes], planes: FocalPlanes) -> EvaluationCase:
+    stack = steps.checked_truth(truth, field, planes)
+    return EvaluationCase(evaluation.GIVEN, field, stack, evaluation.TRUTH)
 
 
 @torch.no_grad()
@@ -389,7 +416,7 @@ def time_operators(config: DictConfig, folder: Path) -> None:
 
 def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[MethodCase]:
     """Every method on the views, and on integer views if the configuration names it; without sample weights."""
-    for method in configs.build(config.methods).values():
+    for method in steps.parts_of(config.methods).values():
         views = field.views.cpu() if method.name in on_cpu else field.views
         has_reference = method.name not in config.other_planes
         yield MethodCase(method, views, has_reference)
@@ -408,7 +435,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
     patches: Scenes = configs.build(config.patches)
     n_patches = int(configs.number(config, "n_patches", 1))
     n_workers = torch.get_num_threads() if device.type == "cpu" else 0
-    methods = list(configs.build(config.methods).values())
+    methods = list(steps.parts_of(config.methods).values())
     costs = simulation_cost.costs(
         classes, planes.slopes, device, progress(rounds.all, "measuring rounds"), rounds.warmup
     )
@@ -441,9 +468,9 @@ def data(config: DictConfig, folder: Path) -> None:
     device, planes = device_of(config.device), fixed_planes(config)
     names = "patch", "patches_per_field", "n_batches", "n_simulated", "n_steps"
     sizes = {name: int(configs.number(config, name, 1)) for name in names}
-    labels: dict[str, Labels] = configs.build(config.labels)
+    labels: dict[str, Labels] = steps.parts_of(config.labels)
     scenes: SimulatedSource = configs.build(config.source, n_fields=int(configs.number(config, "n_stored", 1)))
-    loadings = list(data_rates.loadings(labels, configs.plain(config.workers)))
+    loadings = list(data_rates.loadings(labels, whole_numbers(config, "workers", 0)))
     with tempfile.TemporaryDirectory(dir=folder) as place:
         sources = {STORED: data_rates.store(scenes, Path(place)), SIMULATED: scenes}
         bench = LoadingBench(sources, labels, device, **sizes)
@@ -511,11 +538,19 @@ GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
     "stability": stability,
 }
 """Name of a group -> its function; its options are in `conf/group/NAME.yaml`."""
+WITH_INPUT = (front, time_operators)
+"""Groups that measure light fields of the user; all others have scenes of their own."""
 
 
 def bench(config: DictConfig, folder: Path) -> None:
     """Measure one group."""
-    chosen("group", config.group, GROUPS)(config, folder)
+    measure = chosen("group", config.group, GROUPS)
+    if config.input is not None and measure not in WITH_INPUT:
+        got = f"group={config.group}, which has scenes of its own"
+        raise InputError(
+            "light fields are measured by group=front and group=operators", got=got, remedy="leave input out"
+        )
+    measure(config, folder)
 
 
 main = command(bench)

@@ -209,6 +209,8 @@ def find(base: DictConfig, path: str, key: str, others: Iterable[str], may_add: 
             known = [*children, *options, *(() if above else others)]
             near = _nearest(name, [other for other in known if other[0] != "_"])
             remedy = f"perhaps {above}{near}" if near else "--cfg job shows all"
+            if near == name:  # options of the command line, which no configuration holds
+                remedy = f"write it without +: {name}=VALUE"
             raise InputError("every key must be one of this command", got=repr(key), remedy=remedy)
         node, above = children[name], f"{above}{name}."
     return node
@@ -363,9 +365,19 @@ def check_files(config: DictConfig) -> None:
             if key == "correct" and not place.exists():
                 expected = "correct must be auto, none, or a file that correct=auto wrote"
                 raise InputError(expected, got=f"no corrections at {path}", remedy="correct=none corrects nothing")
-            if not set("*?[") & set(str(place)):
+            if pattern_folder(place) is None:
                 with atomic.file_errors(place, "read"):
                     place.stat()
+
+
+def pattern_folder(path: Path) -> Path | None:
+    """The longest folder of a pattern such as `shots/*.exr` that exists; None if a path is no pattern.
+
+    Folders that exist may have brackets or stars in their own names: only what follows them is a pattern.
+    """
+    if path.exists() or not set("*?[") & set(str(path)):
+        return None
+    return next(parent for parent in path.absolute().parents if parent.exists())
 
 
 def _explanation(loader: ConfigLoader, overrides: list[Override], error: Exception) -> object:

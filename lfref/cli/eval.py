@@ -2,7 +2,7 @@
 
 import functools
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.bench import accuracy, timing
+from lfref.bench.evaluation import TRUTH
 from lfref.cli import config as configs
 from lfref.cli import resume, run_folder, shards, steps
 from lfref.cli.command import command, device_of, log, paths
@@ -38,22 +39,34 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     """
     device = device_of(config.device)
     planes = fixed_planes(config)
-    references: dict[str, Labels] = configs.build(config.references)
+    references: dict[str, Labels] = steps.parts_of(config.references)
     methods = _methods(config, device)
     for method in methods:
         method.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
     found = steps.find_fields(config)
     fields = {name: found[name] for name in shards.share_of(list(found), config.shard)}
+    if not fields:  # more shards than light fields
+        return
     rows = _earlier_rows(folder / PLANES) if config.resume is not None else []
     done = {row["light_field"] for row in rows}
 
     def read(_: str, path: Path) -> LightField:
         return steps.read_field(path, config, methods)
 
+    def labels_of(name: str, field: LightField) -> dict[str, Tensor]:
+        labels = {reference: source(field).cpu() for reference, source in references.items()}
+        if config.truth is not None:
+            labels[TRUTH] = steps.checked_truth(steps.read_truth(config.truth, name, len(found)), field, planes)
+        return labels
+
     @torch.no_grad()
-    def compute(_: str, field: LightField) -> tuple[LightField, dict[str, Tensor], dict[str, Tensor]]:
+    def compute(name: str, field: LightField) -> tuple[LightField, dict[str, Tensor], dict[str, Tensor]]:
         stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in methods}
-        return field, stacks, {name: source(field) for name, source in references.items()}
+        for method, stack in stacks.items():
+            if stack.shape[-2:] != field.size:
+                expected, got = f"{method} must make pictures of {field.size[0]}x{field.size[1]}", tuple(stack.shape)
+                raise InputError(expected, got=got, remedy="leave it out: labels have the size of the views")
+        return field, stacks, labels_of(name, field)
 
     def write(name: str, result: tuple[LightField, dict[str, Tensor], dict[str, Tensor]]) -> None:
         field, stacks, labels = result
@@ -62,7 +75,8 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         picture = folder / "comparison" / f"{name}.png"
         drawing.save_figure(figure, picture)
         # Rows are written after the picture, so that a killed run leaves no light field in the table without one.
-        rows.extend(accuracy.plane_rows(name, stacks, labels, planes))
+        # All rows of a light field, or none if one of them fails.
+        rows.extend(list(accuracy.plane_rows(name, stacks, labels, planes)))
         tables.write_table(folder / PLANES, rows)
         run_folder.list_also(folder, picture, folder / PLANES)
 
@@ -88,7 +102,8 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         log_evaluation(summary, table, folder)
     if (answer := answers.of_evaluation(summary)) is not None:
         worst = steps.read_field(fields[answer.worst], config, methods).to(device)
-        _write_crops(folder, worst, methods, references, planes, answer)
+        label = labels_of(answer.worst, worst)[answer.reference]
+        _write_crops(folder, worst, methods, label, planes, answer)
         log.info(answer.sentence)
     n_fields = counted(summary["light_field"].nunique(), "light field")
     log.info("%s, %s: %s", n_fields, counted(len(methods), "method"), folder / "summary.csv")
@@ -115,7 +130,7 @@ def _logging(config: DictConfig) -> Iterator[Callable[[pd.DataFrame, pd.DataFram
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
     networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
-    methods = [*networks, *(method.to(device) for method in configs.build(config.methods).values())]
+    methods = [*networks, *(method.to(device) for method in steps.parts_of(config.methods).values())]
     name_apart(methods)
     if not methods:
         raise InputError(
@@ -129,12 +144,11 @@ def _write_crops(
     folder: Path,
     field: LightField,
     methods: Sequence[Refocuser],
-    references: Mapping[str, Labels],
+    label: Tensor,
     planes: FocalPlanes,
     answer: Answer,
 ) -> None:
     """Write the crops of the plane where our method is worst, all with the exposure of the comparison."""
-    label = references[answer.reference](field).cpu()
     stacks = {
         method.name: method(field, planes.slopes).cpu()
         for method in methods

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import torch
@@ -30,6 +31,7 @@ from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser
+from lfref.simulator import checks
 
 CPU = torch.device("cpu")
 ROUNDS = 6
@@ -51,7 +53,7 @@ def export(config: DictConfig, folder: Path) -> None:
     target = ExportFile(
         folder / _name(config, refocuser), config.format, config.precision, lfref.__version__, _license(config)
     )
-    grid = refocuser.grid or tuple(configs.plain(config.grid))
+    grid = refocuser.grid or _pair("grid", configs.plain(config.grid))
     samples = Samples(str(config.samples), encoding.parsed(str(config.encoding)))
     subject = graphs.exportable(refocuser, planes, grid, samples)
     target.check_precision(subject)
@@ -131,7 +133,7 @@ def _fields(config: DictConfig, grid: Sequence[int]) -> tuple[list[LightField], 
     with open_dict(config):
         config.source.scenes.camera.grid = list(grid)
     source: SimulatedSource = configs.build(config.source)
-    sizes = [tuple(map(int, size)) for size in configs.plain(config.sizes)]
+    sizes = _sizes(config)
     camera = configs.plain(config.source.scenes.camera.size)
     for size in sizes:
         if any(length > longest for length, longest in zip(size, camera, strict=True)):
@@ -142,6 +144,23 @@ def _fields(config: DictConfig, grid: Sequence[int]) -> tuple[list[LightField], 
     ]
     tried: list[LightField] = [field.crop(0, 0, *size) for field, size in zip(drawn, sizes, strict=False)]
     return tried, drawn[len(sizes) :]
+
+
+def _sizes(config: DictConfig) -> list[tuple[int, int]]:
+    """Height and width of each light field at which a file is tried."""
+    sizes = configs.plain(config.sizes)
+    if not isinstance(sizes, list) or not sizes:
+        raise InputError("sizes must be a list of pairs", got=sizes, remedy="write sizes=[[96,128]]")
+    return [_pair("each of sizes", size) for size in sizes]
+
+
+def _pair(what: str, value: Any) -> tuple[int, int]:
+    """A list of two whole numbers of at least 1 as a tuple; `what` names it in the error."""
+    pair: tuple[int, int] = tuple(value) if isinstance(value, list) else value
+    checks.pair(what, pair, least=1)
+    if not all(isinstance(number, int) for number in pair):
+        raise InputError(f"{what} must be whole numbers", got=value)
+    return pair
 
 
 def _compare_speed(

@@ -16,6 +16,9 @@ from lfref.cli import config as configs
 
 ENTRY = re.compile(r"(?P<indent> *)(?P<item>- )?(?P<key>[\w/@.]+):(?: +(?P<value>(?!# ).*?))?(?: +# (?P<comment>.*))?")
 
+GLOBAL = "# @package _global_"
+"""Line of a file whose keys are those of the command, whatever the group."""
+
 
 class Entry(NamedTuple):
     """A line `key: value # comment` of a configuration file."""
@@ -45,7 +48,7 @@ def command_help(command: str, words: list[str]) -> str:
             chapters += _rows([Entry(stem, "", first_comment(path)) for stem, path in files.items()], "    ", 4)
         listed.add(name or place)
         if choice in files:
-            below = [entry._replace(key=f"{place}.{entry.key}") for entry in options(files[choice]) if entry.comment]
+            below = [entry for entry in options(files[choice], place) if entry.comment]
             chapters += ["", f"  {group.key}={choice} has", *_rows(below, "    ")] if below else []
     lines += ["", "Choices (GROUP=NAME):", *chapters] if chapters else []
     return "\n".join([*lines, "", f"lfref {command} --cfg job shows the whole configuration."])
@@ -58,15 +61,20 @@ def defaults(command: str) -> dict[str, str]:
     for group in groups(folder / f"{command}.yaml"):
         name, _, place = group.key.rpartition("@")
         path = folder / (name or place) / f"{group.value}.yaml"
-        below = options(path) if path.is_file() else ()
-        entries += [group, *(entry._replace(key=f"{place}.{entry.key}") for entry in below)]
+        entries += [group, *(options(path, place) if path.is_file() else ())]
     return {entry.key: entry.value for entry in entries}
 
 
-def options(path: Path) -> Iterator[Entry]:
-    """The options that a file of configuration sets itself, except for `hydra`."""
+def options(path: Path, place: str = "") -> Iterator[Entry]:
+    """The options that a file of configuration sets itself, except for `hydra`.
+
+    Args:
+        place: Where the command puts the file's keys, unless the file says that they are global; empty: at the top.
+    """
     above: list[tuple[int, str]] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    lines = path.read_text(encoding="utf-8").splitlines()
+    prefix = f"{place}." if place and GLOBAL not in lines else ""
+    for line in lines:
         match = ENTRY.fullmatch(line)
         if match is None or match["item"] or match["key"].startswith("_"):
             continue
@@ -76,7 +84,7 @@ def options(path: Path) -> Iterator[Entry]:
         if not match["value"]:
             above.append((len(match["indent"]), match["key"]))
         if keys[0] not in ("hydra", "defaults", "folder") and (match["value"] or match["comment"]):
-            yield Entry(".".join(keys), match["value"] or "", match["comment"] or "")
+            yield Entry(prefix + ".".join(keys), match["value"] or "", match["comment"] or "")
 
 
 def groups(path: Path) -> Iterator[Entry]:
@@ -89,7 +97,7 @@ def groups(path: Path) -> Iterator[Entry]:
 
 def first_comment(path: Path) -> str:
     """The comment at the top of a file of configuration."""
-    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("# @package")]
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line != GLOBAL]
     end = next((n for n, line in enumerate(lines) if not line.startswith("#")), len(lines))
     return " ".join(line.removeprefix("#").strip() for line in lines[:end])
 

@@ -55,6 +55,7 @@ TABLE: dict[str, tuple[str, ...]] = {
         *(f"lfref.geometry.{name}" for name in ("FocalPlanes", "even_planes", "planes_at_alphas")),
         "lfref.captures.inspect.AutoPlanes",
     ),
+    "views": ("lfref.viewer.coding.ViewQuality",),
     "labels": ("lfref.data.label_sources.OperatorLabels", "lfref.data.label_sources.RenderedLabels"),
     "recipes": ("lfref.data.plane_sets.Recipe",),
     "data": (
@@ -154,6 +155,14 @@ FAMILIES = {
                     "PerceptualPathLength",
                 ),
                 "downloads weights of a network",
+            )
+            | dict.fromkeys(
+                (
+                    *("ConcordanceCorrCoef", "ContinuousRankedProbabilityScore", "CosineSimilarity"),
+                    *("JensenShannonDivergence", "KLDivergence", "KendallRankCorrCoef", "LogCoshError"),
+                    *("PearsonCorrCoef", "R2Score", "RelativeSquaredError", "SpearmanCorrCoef"),
+                ),
+                "compares tables of numbers, not pictures",
             ),
         ),
     ),

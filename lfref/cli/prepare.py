@@ -88,7 +88,13 @@ def captures(config: DictConfig, folder: Path) -> None:
         raise FileError(expected, got=str(place), remedy="choose another folder")
     sources = steps.find_fields(config)
     splits = {} if config.splits is None else prepared.read_splits(Path(config.splits))
-    parts = prepared.split_of(sources, splits)
+    known = {entry.name: entry for entry in prepared.readable(place)}
+    prepared.refuse_mixed(known.values(), reading)
+    # A part that is not given stays as it was, also where a light field is decoded again.
+    parts = {
+        name: part or (known[name].split if name in known else None)
+        for name, part in prepared.split_of(sources, splits).items()
+    }
     paths = {name: place / f"{name}{SUFFIX}" for name in sources}
     damaged = prepared.check(place) if config.check and prepared.is_set(place) else {}
     for error in damaged.values():
@@ -107,7 +113,7 @@ def captures(config: DictConfig, folder: Path) -> None:
         # The first ones, one for each process, tell how large the set becomes.
         n_first = max(1, number_of_workers(config))
         errors += run(jobs[:n_first], config, "decoding the first light fields")
-        _check_room(config, place, len(sources))
+        _check_room(config, place, len(known.keys() | sources.keys()))
         errors += run(jobs[n_first:], config, "decoding light fields")
     if prepared.is_set(place):
         entries = prepared.write_manifest(place)
@@ -120,7 +126,7 @@ def captures(config: DictConfig, folder: Path) -> None:
 
 
 def _check_room(config: DictConfig, place: Path, n_fields: int) -> None:
-    """Say how large a set becomes, and refuse it if that is too large."""
+    """Say how large a set of so many light fields becomes, and refuse it if that is too large."""
     sizes = [entry.n_bytes for entry in prepared.manifest(place)] if prepared.is_set(place) else []
     if not sizes:
         return

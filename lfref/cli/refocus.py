@@ -16,6 +16,7 @@ from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
 from lfref.io.scratch import allocator
 from lfref.lightfield import LightField
+from lfref.refocus import apertures
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, in_bands
 from lfref.report import results
@@ -87,9 +88,17 @@ def _rows(config: DictConfig, optional: list[str]) -> int | None:
 def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:
     """The method with the configured planes; a network has its own planes unless the command line names others."""
     planes: Planes = configs.build(config.planes)
+    aperture = configs.build(config.aperture)
     if config.checkpoint is None:
-        return configs.build(config.method, aperture=configs.build(config.aperture)).to(device), planes
-    network = load(config.checkpoint, device)
+        return configs.build(config.method, aperture=aperture).to(device), planes
+    trained = load(config.checkpoint, device)
+    network = trained.through(aperture)
+    if network is trained and getattr(aperture, "func", aperture) is not apertures.full:
+        expected, remedy = (
+            f"{trained.name} weighs the views as it was trained",
+            "leave aperture out, or choose a method",
+        )
+        raise InputError(expected, got="an aperture", remedy=remedy)
     are_named = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
     planes = planes if network.planes is None or are_named else network.planes
     if isinstance(planes, FocalPlanes):

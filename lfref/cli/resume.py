@@ -7,6 +7,7 @@ finished jobs when rerun, and continue after a failed one, with any launcher.
 
 import json
 import logging
+import os
 import re
 import shutil
 import sys
@@ -184,13 +185,16 @@ def refuse_changes(run: Run, config: dict[str, Any]) -> None:
 
 
 def go_on(config: DictConfig, folder: Path) -> bool:
-    """Refuse to resume a run with other settings than its own; a job of a sweep that is started again goes on.
+    """Refuse to resume a run with other settings or in another folder; a job of a sweep that is started again goes on.
 
     For commands that write one result after the other, each of them whole or not at all.
     """
     if is_sweep_job() and (folder / runs.OVERRIDES).is_file():
         config.resume = str(folder)
     if config.resume is not None:
+        if Run.of(config.resume).folder != Path(os.path.abspath(folder)):  # noqa: PTH100  as in `Run.of`
+            expected, remedy = "results go on in the folder of the run", "leave output out"
+            raise InputError(expected, got=f"output={folder}", remedy=remedy)
         plain = configs.plain(config)
         decisive = [key for key in plain if key not in (*FOLDERS, "overwrite", "device", "logger")]
         refuse_other(Run(folder), plain, decisive, "leave it as it was", "the settings that it began with")

@@ -5,7 +5,6 @@ is refused, and deletes nothing, if a listed file was edited, or the folder is n
 """
 
 import functools
-import itertools
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -203,9 +202,8 @@ def refuse_inputs(config: DictConfig, folder: Path) -> None:
     for key in composition.FILES:
         value = OmegaConf.select(config, key, throw_on_missing=False)
         for name in [value] if isinstance(value, str) else value or ():
-            # For a pattern such as shots/*.exr, the folder before the first wildcard counts.
-            fixed = itertools.takewhile(lambda part: not set("*?[") & set(part), Path(str(name)).parts)
-            path = Path(*fixed).resolve()
+            # Of a pattern such as shots/*.exr, the folder counts.
+            path = (composition.pattern_folder(Path(str(name))) or Path(str(name))).resolve()
             if path.exists() and (path == folder.resolve() or folder.resolve() in path.parents):
                 expected = "output must be a folder that neither is nor contains an input"
                 raise FileError(expected, got=f"{folder} with {key}={name}", remedy="choose another output")

@@ -13,7 +13,7 @@ from lfref.cli.steps import fixed_planes
 from lfref.encoding import LINEAR, SRGB
 from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
-from lfref.io import images, write
+from lfref.io import images, ownership, write
 from lfref.lightfield import LightField
 from lfref.report import pictures
 from lfref.simulator import planner
@@ -38,9 +38,11 @@ def simulate(config: DictConfig, folder: Path) -> None:
     scenes: Scenes | Scene = configs.build(config.scene)
     indices = shards.share_of(range(n_fields), config.shard)
     done = run_folder.read_listed(folder) if config.resume is not None else {}
+    n_done = 0
     for index in progress(indices, "simulating"):
         scene = scenes if isinstance(scenes, Scene) else scenes.scene(seed, 0, index)
         if f"{SHEETS}/{scene.name}.png" in done:
+            n_done += 1
             continue
         if not re.fullmatch(r"\w[\w.-]*", scene.name):
             raise InputError("a scene's name must be usable as the name of a file", got=repr(scene.name))
@@ -49,7 +51,8 @@ def simulate(config: DictConfig, folder: Path) -> None:
         run_folder.list_also(folder, *_written(folder, scene.name, suffix))
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(result.rows))
-    log.info("simulated %s in %s", counted(len(indices), "light field"), folder)
+    earlier = f"; there before: {n_done}" if n_done else ""
+    log.info("simulated %s in %s%s", counted(len(indices) - n_done, "light field"), folder, earlier)
 
 
 def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes, suffix: str) -> None:
@@ -69,28 +72,36 @@ def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes
             log.warning("%s has a tone curve of its own: read it with reader.encoding=%s", scene.name, encoding)
         cells |= pictures.view_cells(simulated.views)
     if simulated.disparity is not None:
-        images.write_image(folder / "disparity" / f"{scene.name}.exr", simulated.disparity[..., None].cpu().numpy())
+        disparity = simulated.disparity[..., None].cpu().numpy()
+        images.write_image(_pictures(folder / "disparity") / f"{scene.name}.exr", disparity)
         cells["disparity, px per view step"] = simulated.disparity
     if simulated.all_in_focus is not None:
-        images.write_image(
-            folder / "all_in_focus" / f"{scene.name}.exr", simulated.all_in_focus.movedim(0, 2).cpu().numpy()
-        )
+        all_in_focus = simulated.all_in_focus.movedim(0, 2).cpu().numpy()
+        images.write_image(_pictures(folder / "all_in_focus") / f"{scene.name}.exr", all_in_focus)
         cells["all in focus"] = developed(simulated.all_in_focus, scene.sensor)
     if simulated.masks is not None:
         shares = {f"surface_{k:02d}": mask for k, mask in enumerate(simulated.masks)}
         parts = [images.Part(mask[..., None].cpu().numpy(), name) for name, mask in shares.items()]
-        images.write_parts(folder / "masks" / f"{scene.name}.exr", parts)
+        images.write_parts(_pictures(folder / "masks") / f"{scene.name}.exr", parts)
         cells |= shares
     if simulated.truth is not None:
-        write.write_stack(folder / "truth" / f"{scene.name}.exr", simulated.truth, planes)
+        write.write_stack(_pictures(folder / "truth") / f"{scene.name}.exr", simulated.truth, planes)
         cells |= pictures.plane_cells(developed(simulated.truth, scene.sensor), planes)
-    images.write_image(folder / SHEETS / f"{scene.name}.png", pictures.views_sheet(cells))
+    images.write_image(_pictures(folder / SHEETS) / f"{scene.name}.png", pictures.views_sheet(cells))
+
+
+def _pictures(folder: Path) -> Path:
+    """Mark a folder that holds one picture of each scene: by the numbers in their names they could be views."""
+    if ownership.read_mark(folder) is None:
+        ownership.write_mark(folder, ownership.PICTURES, {})
+    return folder
 
 
 def _written(folder: Path, name: str, suffix: str) -> list[Path]:
-    """The files of a scene, and the folder of its views. The sheet is written last: a scene that has one is whole."""
+    """The files of a scene, the folder of its views, and marks. The sheet comes last: a scene that has one is whole."""
     places = [folder / f"{name}{suffix}", *(folder / kind / f"{name}.exr" for kind in KINDS)]
-    return [path for path in (*places, folder / SHEETS / f"{name}.png") if path.exists()]
+    marks = [folder / kind / ownership.MARK for kind in (*KINDS, SHEETS)]
+    return [path for path in (*places, *marks, folder / SHEETS / f"{name}.png") if path.exists()]
 
 
 main = command(simulate, resume.go_on, resume.expanded_to_folder)

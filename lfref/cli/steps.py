@@ -22,13 +22,13 @@ from torch import Tensor
 from lfref.captures import view_order
 from lfref.captures.correct import Corrections, correct_by_option
 from lfref.captures.inspect import AutoPlanes
+from lfref.cli import composition, run_folder
 from lfref.cli import config as configs
-from lfref.cli import run_folder
 from lfref.cli.command import log, paths, progress, stages
 from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
 from lfref.functional import memory
 from lfref.geometry import FocalPlanes
-from lfref.io import atomic, images
+from lfref.io import atomic, images, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
@@ -45,6 +45,8 @@ views, and by one that compares them. `PROGRAM` and the last are the line throug
 less its stacks, of 7x7 and 14x14 views of 375x540 pixels with black corners, whose views are filled: 1.21 and 1.83 GB.
 Views without weights take less. The others are upper bounds: correcting the 14x14 views took 1.93 GB, and summing them
 without correction 1.26 GB."""
+PICTURE_SUFFIXES = next(known.suffixes for known in reader.FORMATS if known.name == "eslf")
+"""Suffixes of pictures, each of which may be a lenslet image or a single view."""
 LENSLET_SIDE = 3000
 """Shorter side, in pixels, from which a picture in a folder may be a lenslet image (the smallest ESLF has 5250)."""
 
@@ -78,12 +80,33 @@ def find_fields(config: DictConfig) -> dict[str, Path]:
     raise InputError("inputs must be light fields of different names", got=", ".join(names) if fields else "none")
 
 
+def read_truth(place: str, name: str, n_fields: int) -> tuple[Tensor, FocalPlanes]:
+    """The truth of a light field and its planes: the stack in a file, or in NAME.exr of a folder.
+
+    `lfref simulate` writes such folders. A file is the truth of a single light field.
+    """
+    path = Path(place)
+    if not path.is_dir() and n_fields > 1:
+        remedy = "give the folder truth that lfref simulate wrote"
+        raise InputError(f"truth of {n_fields} light fields must be a folder of NAME.exr", got=str(path), remedy=remedy)
+    return reader.read_stack(path / f"{name}.exr" if path.is_dir() else path)
+
+
+def checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: FocalPlanes) -> Tensor:
+    """The stack of the truth, after a check of its size and planes."""
+    stack, own = truth
+    if tuple(stack.shape[-2:]) != field.size or not own.has_slopes(planes.slopes):
+        size, labels = "x".join(map(str, field.size)), ", ".join(planes.labels)
+        expected = f"truth must be {counted(len(planes), 'plane')} of {size}, {labels}"
+        raise InputError(expected, got=f"{list(stack.shape)}, {', '.join(own.labels)}")
+    return stack
+
+
 def _fields_at(path: Path, folders_are_fields: bool) -> list[Path]:
     """The light fields that a path or a pattern stands for."""
-    if path.exists() or not set("*?[") & set(str(path)):
+    if (base := composition.pattern_folder(path)) is None:
         return [path] if folders_are_fields else _fields_in(path)
-    parts = path.absolute().parts
-    entries = Path(parts[0]).glob(str(Path(*parts[1:])))
+    entries = base.glob(str(path.absolute().relative_to(base)))
     matches = sorted((entry for entry in entries if not entry.name.startswith(".")), key=_numbers)
     if not matches:
         raise FileError(f"{path} must match a file or folder", got="none", remedy="check the pattern")
@@ -99,8 +122,20 @@ def _fields_in(path: Path) -> list[Path]:
         return [path]
     with atomic.file_errors(path, "read"):
         entries = sorted((child for child in path.iterdir() if reader.is_field(child)), key=_numbers)
-    # Pictures that are no lenslet images are views with unknown names: the reader says what to do.
-    return entries if entries and all(map(_is_whole_field, entries)) else [path]
+    if all(map(_is_picture, entries)):
+        # Pictures that are no lenslet images are views with unknown names: the reader says what to do.
+        return entries if entries and all(map(_is_whole_field, entries)) else [path]
+    # Beside other light fields, they are previews or the like.
+    small = [entry for entry in entries if not _is_whole_field(entry)]
+    if small:
+        names = view_folders.first_names(small)
+        log.warning("%s: left out, since they are too small for lenslet images: %s", path, names)
+    return [entry for entry in entries if entry not in small] or [path]
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether a path is a file that may be one view of a light field, by its name."""
+    return path.is_file() and path.suffix.lower() in PICTURE_SUFFIXES
 
 
 def _is_whole_field(path: Path) -> bool:
@@ -206,7 +241,8 @@ def process(fields: Mapping[str, Path], steps: Mapping[str, Step], what: str) ->
             log.warning("%s: %s", name, error, exc_info=None if isinstance(error, LfrefError | OSError) else error)
     if failed:
         got = f"{len(failed)} that failed: {', '.join(failed)}"
-        raise LfrefError(f"all {len(fields)} light fields must be usable", got=got, remedy="the others are done")
+        remedy = "the others are done" if len(failed) < len(fields) else ""
+        raise LfrefError(f"all {len(fields)} light fields must be usable", got=got, remedy=remedy)
 
 
 @contextmanager
@@ -254,6 +290,11 @@ def ahead(items: Iterable[Item]) -> Iterator[Item]:
             coming = pool.submit(next, source, _END)
             yield item
             del item
+
+
+def parts_of(group: DictConfig | None) -> dict[str, Any]:
+    """Name -> part of a group of parts, such as `config.methods`; those that are null are left out."""
+    return {name: part for name, part in (configs.build(group) or {}).items() if part is not None}
 
 
 def fixed_planes(config: DictConfig) -> FocalPlanes:
@@ -322,7 +363,7 @@ def gain(field: LightField, factor: float | None) -> float:
     if factor is not None:
         return factor
     own = brightening(field)
-    if own > 1:
+    if round(own, 2) > 1:
         log.info("pictures are brightened %.2f times (exposure=1 prevents it; stack.exr never changes)", own)
     return own
 

@@ -15,7 +15,6 @@ from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import images, lytro_files
-from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import DisparityMap
 from lfref.refocuser.load import load
@@ -27,14 +26,11 @@ from lfref.viewer import view_page
 def view(config: DictConfig, folder: Path) -> None:
     """Write a page for each light field; several get a result folder each, and a gallery of the pages."""
     device, exposure = device_of(config.device), steps.exposure(config)
-    aperture = configs.build(config.aperture)
+    aperture, quality = configs.build(config.aperture), configs.build(config.views)
     refocusers = [refocuser.to(device) for refocuser in _refocusers(config, aperture)]
     configured_planes: Planes = configs.build(config.planes)
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
     white = steps.white_field(config, refocusers[0])
-    truth = None if config.truth is None else reader.read_stack(config.truth)
-    if truth is not None and len(fields) > 1:
-        raise InputError("truth belongs to one light field", got=f"{len(fields)} of them", remedy="view one at a time")
 
     def read(_: str, path: Path) -> LightField | Refocused:
         if lytro_files.is_stack(path):
@@ -46,9 +42,10 @@ def view(config: DictConfig, folder: Path) -> None:
     def correct(_: str, field: LightField | Refocused) -> LightField | Refocused:
         return field if isinstance(field, Refocused) else steps.correct_field(field, config, white, refocusers[0])[0]
 
-    def refocus(_: str, field: LightField | Refocused) -> dict[str, Refocused]:
+    def refocus(name: str, field: LightField | Refocused) -> dict[str, Refocused]:
         if isinstance(field, Refocused):
             return {"Lytro": field}
+        truth = None if config.truth is None else steps.read_truth(config.truth, name, len(fields))
         # Planes of a network come first, then those of the truth, then the configured ones.
         planes = next((refocuser.planes for refocuser in refocusers if refocuser.planes is not None), None)
         if planes is None:
@@ -59,7 +56,7 @@ def view(config: DictConfig, folder: Path) -> None:
             for method in refocusers
         }
         if truth is not None:
-            shown["truth"] = Refocused(field, _checked_truth(truth, field, planes), planes, gain)
+            shown["truth"] = Refocused(field, steps.checked_truth(truth, field, planes), planes, gain)
         return shown
 
     gallery: list[view_page.GalleryEntry] = []
@@ -67,11 +64,14 @@ def view(config: DictConfig, folder: Path) -> None:
     def write_page(name: str, shown: dict[str, Refocused]) -> None:
         place = steps.result_folder(folder, name, fields[name], named) / "index.html"
         title = config.title or next(iter(shown.values())).field.name
-        content = view_page.page_content(shown, _uneven(aperture, next(iter(shown.values())).field.grid))
-        view_page.write(place, title, _facts(shown), content)
+        content = view_page.page_content(shown, _uneven(aperture, next(iter(shown.values())).field.grid), quality)
+        written = view_page.write(place, title, _facts(shown), content)
         first = content["methods"][0]["planes"][content["start"]["plane"]]
         gallery.append(view_page.GalleryEntry(name, place.relative_to(folder).as_posix(), first))
         log.info("%s: open %s (%.1f MB)", name, place, place.stat().st_size / 1e6)
+        for beside in written[1:]:
+            size = sum(file.stat().st_size for file in beside.iterdir())
+            log.info("%s: its pictures stay beside it in %s (%.1f MB)", name, beside, size / 1e6)
 
     stages: dict[str, steps.Step] = {
         "reading": read,
@@ -104,15 +104,6 @@ def _refocusers(config: DictConfig, aperture: Aperture) -> list[Refocuser]:
         )
     name_apart(refocusers)
     return refocusers
-
-
-def _checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: FocalPlanes) -> Tensor:
-    """The stack of the truth, after a check of its size and planes."""
-    stack, own = truth
-    if tuple(stack.shape[-2:]) != field.size or not own.has_slopes(planes.slopes):
-        expected = f"truth must be {len(planes)} planes of {field.size[0]}x{field.size[1]}, {', '.join(planes.labels)}"
-        raise InputError(expected, got=f"{list(stack.shape)}, {', '.join(own.labels)}")
-    return stack
 
 
 class LambdaPlanes(FocalPlanes):

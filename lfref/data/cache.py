@@ -88,7 +88,10 @@ class Reading:
 
     def description(self) -> dict[str, Any]:
         """All that decides what is stored of a file, as plain values."""
-        parts: dict[str, Any] = {"reader": dict(self.options), "reader_version": reader.VERSION}
+        options = dict(self.options)
+        if options.get("white") is not None:
+            options["white"] = content_hash(Path(options["white"]))
+        parts: dict[str, Any] = {"reader": options, "reader_version": reader.VERSION}
         if self.correct != NONE:
             by = self.correct if self.correct == AUTO else content_hash(Path(self.correct))
             parts |= {"correct": by, "correct_version": corrections.VERSION}
@@ -155,7 +158,9 @@ def cached(
         most_bytes: Size of the cache from which a new entry replaces those not used for the longest time.
     """
     reading = Reading(options, correct)
-    parts = [content_hash(path, folder), reading.description()]
+    # The names of a folder's images say where views stand on the grid.
+    names = [file.name for file in view_folders.image_files(path)] if path.is_dir() else []
+    parts = [content_hash(path, folder), names, reading.description()]
     key = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
     entry = folder / f"{key}{SUFFIX}"
 

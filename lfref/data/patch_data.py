@@ -59,13 +59,13 @@ class Patch:
     """Light field and top left corner, NAME@TOP,LEFT."""
 
     @property
-    def window(self) -> tuple[Any, ...]:
-        """The patch as an index of images [..., H, W] of its context."""
-        return ..., slice(self.top, self.top + self.size), slice(self.left, self.left + self.size)
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the patch in its context."""
+        return slice(self.top, self.top + self.size), slice(self.left, self.left + self.size)
 
     def is_flat(self) -> bool:
         """Whether all samples of the patch's views are alike within one 8-bit level; not if one is NaN."""
-        samples = self.context.views[self.window].numpy()
+        samples = self.context.views[..., *self.window].numpy()
         ends = np.array([[samples.min(), samples.max()]])
         if isinstance(self.context, StoredCrop):
             ends = images.decoded(ends, self.context.encoding)
@@ -81,7 +81,7 @@ class Patch:
     def pair(self, labels: Labels) -> tuple[Tensor, Tensor]:
         """Views [V, U, C, size, size] and label [N, C, size, size] within their margins, on the samples' device."""
         light = self.context if isinstance(self.context, LightField) else self.context.light()
-        return light.views[self.window], labels(light)[self.window]
+        return light.views[..., *self.window], labels.window(light, *self.window)
 
     def to(self, device: torch.device, **options: Any) -> "Patch":
         """The same patch on a device."""
@@ -114,13 +114,17 @@ def labelled(batch: UnlabelledBatch, labels: Labels) -> Batch:
     }
 
 
-def cut(field: Field, margin: int, top: int, left: int, size: int) -> Patch:
-    """The patch at a corner of a light field, with a margin inside the field, wide enough for the largest shift."""
-    least, crop = 2 * margin + 1, []
+def cut(field: Field, labels: Labels, top: int, left: int, size: int) -> Patch:
+    """The patch at a corner of a light field, with what its label depends on, as far as the field reaches.
+
+    The crop is wide enough for the largest shift, however small the patch.
+    """
+    margin, crop = labels.margin(field.grid), []
     for start, length in zip((top, left), field.size, strict=True):
-        first = max(0, min(start - margin, length - least))
-        last = min(length, max(start + size + margin, first + least))
-        crop.append((first, last - first))
+        first = max(0, min(start - margin, length - 2 * margin - 1))
+        last = min(length, max(start + size + margin, first + 2 * margin + 1))
+        n_pixels = min(length, labels.crop_length(last - first))
+        crop.append((min(first, length - n_pixels), n_pixels))
     (row, height), (column, width) = crop
     context = field.crop(row, column, height, width)
     return Patch(context, top - row, left - column, size, f"{field.name}@{top},{left}")
@@ -175,7 +179,7 @@ class FieldPatches(Dataset[UnlabelledBatch]):
         free = np.array(field.size) - self.patch
         for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
-            patch = cut(field, self.labels.margin(field.grid), top, left, self.patch)
+            patch = cut(field, self.labels, top, left, self.patch)
             if not patch.is_flat():
                 yield patch.of_views() if self.labels.reads_views else patch
                 return

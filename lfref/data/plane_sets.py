@@ -368,11 +368,10 @@ class PlaneData(LightningDataModule):
         """List the items; Lightning calls this in every process."""
         paths = sorted(self.folder.glob(f"*{SUFFIX}"))[: self.n_fields]
         if len(paths) <= self.n_validation or (self.n_fields or 0) > len(paths):
-            raise InputError(
-                f"{self.folder} must hold {counted(self.n_fields or self.n_validation + 1, 'light field')}",
-                got=len(paths),
-                remedy="make them by lfref prepare with the same recipe",
-            )
+            least = max(self.n_fields or 0, self.n_validation + 1)
+            expected = f"{self.folder} must hold {counted(least, 'light field')}, {self.n_validation} of them held out"
+            remedy = "make more by lfref prepare with the same recipe, or hold out fewer by data.n_validation"
+            raise InputError(expected, got=len(paths), remedy=remedy)
         self.held, self.trained = paths[: self.n_validation], paths[self.n_validation :]
 
     def train_dataloader(self) -> DataLoader[PlaneBatch]:

@@ -5,8 +5,10 @@ read at the start. A set is made field by field: what exists stays, and several 
 """
 
 import csv
+import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from lfref.data import cache, stored_fields
 from lfref.data.cache import Reading
 from lfref.data.stored_fields import SUFFIX, StoredField
 from lfref.errors import FileError, InputError, LfrefError
-from lfref.io import atomic
+from lfref.io import atomic, lytro_files, view_folders
 
 MANIFEST = "fields.json"
 FORMAT = 1
@@ -101,6 +103,28 @@ def manifest(folder: Path) -> list[Prepared]:
     return [listed.get(path.name) or _described(path) for path in paths]
 
 
+def readable(folder: Path) -> list[Prepared]:
+    """As `manifest`, without the files that cannot be described; empty for a folder that is no set yet."""
+    listed, entries = {entry.file: entry for entry in _listed(folder)}, []
+    for path in stored_fields.paths(folder) if folder.is_dir() else ():
+        with suppress(FileError):
+            entries.append(listed.get(path.name) or _described(path))
+    return entries
+
+
+def refuse_mixed(entries: Iterable[Prepared], reading: Reading) -> None:
+    """Refuse to add light fields to a set whose others were read in another way.
+
+    Raises:
+        InputError: An option of the reader or the correction is another one.
+    """
+    options = _options(reading.description())
+    for entry in entries:
+        if other := _difference(entry, options):
+            remedy = "give the option as the set has it, or another set_folder"
+            raise InputError("all light fields of a set must be read in one way", got=other, remedy=remedy)
+
+
 def forget_manifest(folder: Path) -> None:
     """Remove the manifest before files change: if the work is interrupted, it must not say what they were before."""
     (folder / MANIFEST).unlink(missing_ok=True)
@@ -175,14 +199,11 @@ def refuse_other(entries: Iterable[Prepared], reading: Reading) -> None:
     """
     views = reading.options.get("views")
     grid = views if isinstance(views, Sequence) or views is None else [views, views]
-    asked = _options(reading.description())
+    options = _options(reading.description())
     for entry in entries:
-        theirs = _options(entry.reading)
-        if others := [name for name in asked.keys() | theirs.keys() if asked.get(name) != theirs.get(name)]:
-            name = min(others)
-            got = f"{name}: {theirs.get(name)} in {entry.file}, {asked.get(name)} here"
+        if other := _difference(entry, options, but=("views",)):
             remedy = "prepare a set of its own, or give the option as the set has it"
-            raise InputError("a prepared set must be read as the training asks", got=got, remedy=remedy)
+            raise InputError("a prepared set must be read as the training asks", got=other, remedy=remedy)
         if grid is not None and list(entry.shape[:2]) != list(grid):
             got = f"{entry.shape[0]}x{entry.shape[1]} in {entry.file}"
             remedy = f"prepare a set with reader.views={views}"
@@ -190,17 +211,34 @@ def refuse_other(entries: Iterable[Prepared], reading: Reading) -> None:
 
 
 def _options(reading: Mapping[str, Any]) -> dict[str, Any]:
-    """All that a description of a reading says, but versions, and views, which are compared by their number."""
-    options = {**reading["reader"], "correct": reading.get("correct", NONE)}
-    return {name: value for name, value in options.items() if name != "views"}
+    """All that a description of a reading says but versions of lfref."""
+    return {**reading["reader"], "correct": reading.get("correct", NONE)}
+
+
+def _difference(entry: Prepared, options: Mapping[str, Any], but: Sequence[str] = ()) -> str | None:
+    """The first option, except those in `but`, by which a light field was read in another way; None: there is none."""
+    theirs = _options(entry.reading)
+    names = (name for name in sorted(options.keys() | theirs.keys()) if name not in but)
+    name = next((name for name in names if options.get(name) != theirs.get(name)), None)
+    return None if name is None else f"{name}: {theirs.get(name)} in {entry.file}, {options.get(name)} here"
 
 
 def _state(source: Path) -> str:
-    """Size and time of a source's files, as far as they are known without reading them."""
-    files = sorted(source.iterdir()) if source.is_dir() else [source]
-    with atomic.file_errors(source, "read"):
-        states = [file.stat() for file in files]
-    return f"{sum(state.st_size for state in states)} bytes, {max(state.st_mtime_ns for state in states)}"
+    """Size, time and, in a folder, names of the files that a source is decoded from: names say where views stand."""
+    files = view_folders.image_files(source) if source.is_dir() else [source]
+    if source.suffix.lower() == lytro_files.BARE:
+        with suppress(OSError):  # decoding says what is wrong
+            files.append(lytro_files.frame_record(source).path)
+    states = []
+    for file in files:
+        with atomic.file_errors(file, "read"):
+            states.append(file.stat())
+    newest = max((state.st_mtime_ns for state in states), default=0)
+    state = f"{sum(state.st_size for state in states)} bytes, {newest}"
+    if not source.is_dir():
+        return state
+    names = "/".join(file.name for file in files)
+    return f"{state}, {hashlib.sha256(names.encode()).hexdigest()[:16]}"
 
 
 def _described(path: Path) -> Prepared:

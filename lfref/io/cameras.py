@@ -141,7 +141,7 @@ def normalised(listed: NDArray[np.float64], present: NDArray[np.bool_], source: 
             raise InputError(
                 f"{source} must let {name} grow together",
                 got=got,
-                remedy="give reader.transpose=true, or exchange v and u in it",
+                remedy="give another reader.transpose (true or false), or exchange v and u in it",
             )
     step = np.diagonal(steps)
     centre = listed[present].mean(axis=0) - step * offsets[present].mean(axis=0)

@@ -18,7 +18,9 @@ from lfref.io import atomic
 MARK = ".lfref.json"
 """Name of the mark in a folder."""
 RUN = "run"
-"""Kind of the run folder of a command; the others are `views` and `planes`."""
+"""Kind of the run folder of a command; the others are `views`, `planes` and `pictures`."""
+PICTURES = "pictures"
+"""Kind of a folder of pictures that are not the views of a light field, such as one picture of each scene."""
 SOFTWARE = "lfref"
 """Metadata entry `Software` of image files that lfref wrote."""
 

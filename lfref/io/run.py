@@ -6,6 +6,7 @@ pictures/*.png, wandb_id.txt
 
 import csv
 import json
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,17 +44,17 @@ class Run:
     @classmethod
     def of(cls, path: str | Path) -> "Run":
         """The run of a run folder `RUN`, or of a checkpoint `RUN/checkpoints/NAME.ckpt` in one."""
-        path = Path(path)
-        is_checkpoint = path.suffix == ".ckpt" or path.is_file()
-        folder = path.absolute().parent.parent if is_checkpoint else path.absolute()
-        if is_checkpoint and not path.is_file():
+        place = Path(os.path.abspath(path))  # noqa: PTH100  `resolve` would follow links
+        is_checkpoint = place.suffix == ".ckpt" or place.is_file()
+        folder = place.parent.parent if is_checkpoint else place
+        if is_checkpoint and not place.is_file():
             raise CheckpointError(
                 f"no checkpoint at {path}", remedy=f"give a run folder, or RUN/{CHECKPOINTS}/last.ckpt"
             )
         if not (folder / CONFIG).is_file():
             kind = CheckpointError if is_checkpoint else FileError
             raise kind(f"{path} must be a run folder or a checkpoint in one", got=f"no {folder / CONFIG}")
-        return cls(folder, path.absolute() if is_checkpoint else None)
+        return cls(folder, place if is_checkpoint else None)
 
     @property
     def name(self) -> str:

@@ -9,7 +9,7 @@ Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `
 import logging
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -71,7 +71,9 @@ def image_files(folder: Path) -> list[Path]:
 
 
 def is_field(folder: Path) -> bool:
-    """Whether a folder holds files that are named like sub-aperture views."""
+    """Whether a folder holds files that are named like sub-aperture views, and is not marked as other pictures."""
+    if (mark := ownership.read_mark(folder)) is not None and mark.kind == ownership.PICTURES:
+        return False
     files = image_files(folder)
     return bool(fields_of(files)) or any(map(_looks_like_views, numbered_fields(files)))
 
@@ -186,11 +188,16 @@ def decode_folder(folder: Path, options: ReadOptions) -> NDArray:
     if options.pattern is None and options.grid is None:
         _check_square(folder, stored)
     views = set(stored.cells.values())
-    if others := [path.name for path in image_files(folder) if path not in views]:
-        more = f" and {len(others) - N_NAMED} more" if len(others) > N_NAMED else ""
-        log.info("%s: left out, since they are no views: %s%s", folder, ", ".join(others[:N_NAMED]), more)
+    if others := [path for path in image_files(folder) if path not in views]:
+        log.info("%s: left out, since they are no views: %s", folder, first_names(others))
     window = options.window(shape, folder)
     return grid.gather(stored, window, images.read_image, str, allocator(options.scratch))
+
+
+def first_names(paths: Sequence[Path]) -> str:
+    """The names of at most `N_NAMED` files for the log, and how many more there are."""
+    names = ", ".join(path.name for path in paths[:N_NAMED])
+    return f"{names} and {len(paths) - N_NAMED} more" if len(paths) > N_NAMED else names
 
 
 def _arranged(folder: Path, options: ReadOptions) -> Arrangement:

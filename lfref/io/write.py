@@ -25,6 +25,8 @@ SUFFIXES = ("", ".exr")
 def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Path:
     """Write a light field so that `read` gives it back, exact up to the rounding to these bits.
 
+    Samples that are no light (`is_linear` false) are kept as they are: read them with `encoding="none"`.
+
     Args:
         path: A name with the suffix `.exr` for a multi-part EXR file; a name without suffix for a folder of PNG images
             named `NAME_RR_CC.png`, row and column from 0. PNG images are encoded for a screen (sRGB) if the light field
@@ -36,7 +38,8 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
         The path.
 
     Raises:
-        InputError: Views hold NaN or infinity, or the suffix, depth or number of channels cannot be written.
+        InputError: Views hold NaN or infinity, cameras stand at positions of their own, or the suffix, depth or number
+            of channels cannot be written.
         FileError: The disk refuses, or the path holds anything but an unedited light field of `write`.
 
     Example:
@@ -47,6 +50,10 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
     """
     path, views = Path(path), field.views
     _check(path, views)
+    if field.positions is not None:
+        expected, got = f"{path} holds views of cameras on an even grid", "cameras at positions of their own"
+        remedy = "write it without positions, and read it with positions=FILE or spacing=[ROWS,COLUMNS]"
+        raise InputError(expected, got=got, remedy=remedy)
     # A folder consists of pictures, which are encoded.
     samples = views if path.suffix else field.picture_encoding.encode(views)
     if field.weight is not None:

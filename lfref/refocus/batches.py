@@ -8,7 +8,7 @@ Letters: `v u` camera position downwards and to the right, in view steps; `R` li
 """
 
 import importlib.util
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -49,7 +49,7 @@ def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     """
     if weights is None:
         return torch.full(tuple(grid), 1 / (grid[0] * grid[1]), dtype=torch.float64)
-    values = torch.as_tensor(weights, dtype=torch.float64, device="cpu").detach()
+    values = _as_numbers("weights", weights)
     if tuple(values.shape) != tuple(grid):
         raise InputError(f"weights must be {list(grid)}, one for each view", got=f"shape {list(values.shape)}")
     if not bool(values.isfinite().all()) or bool((values < 0).any()) or float(values.sum()) <= 0:
@@ -62,11 +62,26 @@ def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
 def symmetric_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     """As `checked_weights`; an InputError unless they are symmetric about both axes."""
     aperture = checked_weights(weights, grid)
-    if not (torch.allclose(aperture, aperture.flip(0)) and torch.allclose(aperture, aperture.flip(1))):
+    if not is_symmetric(aperture):
         raise InputError(
-            "weights must be symmetric about both axes", got="others", remedy="use method=shift_and_sum_through_cells"
+            "weights must be symmetric about both axes",
+            got="others",
+            remedy="use another method, such as shift_and_sum_through_cells",
         )
     return aperture
+
+
+def is_symmetric(weights: Tensor) -> bool:
+    """Whether weights [V, U] are symmetric about both axes."""
+    return all(torch.allclose(weights, weights.flip(axis)) for axis in (0, 1))
+
+
+def _as_numbers(name: str, values: Any) -> Tensor:
+    """A table of numbers as float64 on the CPU, without gradients."""
+    try:
+        return torch.as_tensor(values, dtype=torch.float64, device="cpu").detach()
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"{name} must be a table of numbers", got=repr(values)[:80]) from error
 
 
 def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
@@ -171,7 +186,7 @@ def checked_positions(positions: Tensor, grid: tuple[int, int]) -> Tensor:
     Raises:
         InputError: Another shape, or a position that is not finite.
     """
-    values = torch.as_tensor(positions, dtype=torch.float64, device="cpu").detach()
+    values = _as_numbers("positions", positions)
     if tuple(values.shape) != (*grid, 2):
         raise InputError(f"positions must be {[*grid, 2]}, (v, u) of each view", got=f"shape {list(values.shape)}")
     if not bool(values.isfinite().all()):

@@ -110,9 +110,13 @@ def tilt_shift(
     """
     batches.check(views)
     start = torch.as_tensor(slope, dtype=torch.float64, device=views.device).reshape(-1, 1, 1)
-    change = torch.as_tensor(tilt, dtype=torch.float64, device=views.device)
+    expected = "tilt must be two numbers, slope per pixel along x and y"
+    try:
+        change = torch.as_tensor(tilt, dtype=torch.float64, device=views.device)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(expected, got=repr(tilt)[:80]) from error
     if change.shape != (2,):
-        raise InputError("tilt must be two numbers, slope per pixel along x and y", got=f"shape {list(change.shape)}")
+        raise InputError(expected, got=f"shape {list(change.shape)}")
     rows, columns = (torch.arange(n, dtype=torch.float64, device=views.device) for n in views.shape[-2:])
     slope_map = start + change[0] * columns + change[1] * rows[:, None]
     return per_pixel(views, slope_map, interpolation, border, weights, fill, disparity, positions)

@@ -51,6 +51,19 @@ def filled(views: Tensor, weight: Tensor) -> Tensor:
     return result
 
 
+def readable(views: Tensor, weight: Tensor) -> Tensor:
+    """The views, black where a sample has weight 0 and is not finite: 0 times NaN is NaN.
+
+    Args:
+        views: Of any type, [..., V, U, C, H, W].
+        weight: Trust in each sample, >= 0, [..., V, U, 1, H, W].
+    """
+    # The extremes are NaN if any sample is; a mask of all samples takes as much memory as they do.
+    if not views.is_floating_point() or all(bool(extreme.isfinite()) for extreme in views.detach().aminmax()):
+        return views
+    return torch.where((weight == 0) & ~views.isfinite(), 0, views)
+
+
 def trusted(weight: Tensor) -> Tensor:
     """Which samples have weight beyond `LEAST`: interpolated weights are seldom exactly 0."""
     return weight > LEAST * weight.amax((-5, -4, -3, -2, -1), keepdim=True)

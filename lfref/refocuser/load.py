@@ -37,14 +37,14 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
         path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. A file that
             `lfref export` wrote, `NAME.onnx`, `.pt2`, `.xml` or `.safetensors`. None is the model that ships with
             lfref, for any planes and any even grid.
-        device: Where the network goes.
+        device: Where the network goes; exported files run on the CPU, wherever views are.
 
     Returns:
         A callable from a light field or views [..., V, U, C, H, W] to a stack [..., N, C, H, W], with `planes`.
 
     Raises:
         CheckpointError: Missing, damaged, not ours, or of another shape than it says.
-        InputError: An exported file for another device than the CPU, or one whose runtime is not installed.
+        InputError: An exported file whose runtime is not installed.
 
     Example:
         >>> from lfref.nets import checkpoint
@@ -57,7 +57,9 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
         return learned(device=device)
     path = Run.of(path).best if Path(path).is_dir() else Path(path)
     if file_formats.format_of(path) is not None:
-        return load_exported(path).to(torch.device(device))
+        refocuser = load_exported(path)
+        refocuser.device = torch.device("cpu")
+        return refocuser
     contents = checkpoint.read(path)
     if networks.REFINER in contents["lfref"]:
         return networks.restored_refiner(path, contents, run_name(path), device)

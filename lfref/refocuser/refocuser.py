@@ -6,6 +6,7 @@ Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and
 """
 
 import abc
+import functools
 import inspect
 import itertools
 import math
@@ -17,6 +18,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
 from lfref.io.scratch import Allocator
@@ -49,6 +51,8 @@ class Refocuser(abc.ABC):
     """View rows and columns (V, U) that it reads, no others; None: any."""
     is_linear: bool | None = None
     """Whether it was trained on linear light or on encoded samples; None: it takes both."""
+    device: torch.device | None = None
+    """Device that it runs on, to which views are moved, and the stack back; None: that of the views."""
     is_network: ClassVar[bool] = False
     """Whether it has learned; all others are classical."""
 
@@ -70,6 +74,9 @@ class Refocuser(abc.ABC):
         Raises:
             InputError: Views or slopes that it cannot use.
         """
+        views = light.views if isinstance(light, LightField) else light
+        if self.device is not None and isinstance(views, Tensor) and views.device != self.device:
+            return self(light.to(self.device), slopes).to(views.device)
         if not isinstance(light, LightField):
             batches.check(light)
             return self.stack(light, None, self.slopes(slopes))
@@ -79,7 +86,12 @@ class Refocuser(abc.ABC):
             trained, got = kinds if self.is_linear else reversed(kinds)
             remedy = "read it with encoding=none" if light.is_linear else "read it without encoding=none"
             raise InputError(f"{self.name} was trained on {trained}", got=got, remedy=remedy)
-        return self.stack(light.views, light.weight, self.slopes(slopes), light.positions)
+        views = light.views if light.weight is None else filling.readable(light.views, light.weight)
+        return self.stack(views, light.weight, self.slopes(slopes), light.positions)
+
+    def window(self, light: LightField, slopes: Tensor, rows: slice, columns: slice) -> Tensor:
+        """A window of the stack of a light field, [N, C, h, w]; the rest is not computed where the method allows it."""
+        return self(light, slopes)[..., rows, columns]
 
     @abc.abstractmethod
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
@@ -94,6 +106,11 @@ class Refocuser(abc.ABC):
         Raises:
             InputError: Positions that it does not take.
         """
+
+    @property
+    def is_local(self) -> bool:
+        """Whether a pixel depends on the samples around it only, and not on the whole picture."""
+        return False
 
     def through(self, aperture: Aperture | None) -> "Refocuser":
         """This method with an aperture; itself if it has one already, or cannot weigh views.
@@ -124,15 +141,15 @@ class Refocuser(abc.ABC):
         Raises:
             InputError: The network has other planes, or the method takes any planes and none are given.
         """
-        if self.planes is None and requested is None:
-            raise InputError(f"{self.name} refocuses to any planes", got="none", remedy="give slopes")
         if self.planes is None:
-            return torch.as_tensor(requested, dtype=torch.float64)
+            if requested is None:
+                raise InputError(f"{self.name} refocuses to any planes", got="none", remedy="give slopes")
+            return geometry.as_slopes(requested)
         if requested is not None and not self.planes.has_slopes(requested):
             raise InputError(
                 f"{self.name} makes the planes {', '.join(self.planes.labels)}",
                 got=", ".join(FocalPlanes(requested).labels),
-                remedy="leave the planes as it was trained, or use an operator (method=shift_and_sum)",
+                remedy="ask for these planes, or use an operator (method=shift_and_sum)",
             )
         return self.planes.slopes
 
@@ -154,7 +171,9 @@ def check_for_network(name: str, views: Tensor, positions: Tensor | None, device
         raise InputError(f"views must be on the network's device, {device}", got=views.device)
     low, high = (float(extreme) for extreme in views.aminmax())  # NaN if any sample is
     if not (math.isfinite(low) and math.isfinite(high)):
-        raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give it a weight")
+        raise InputError(
+            "views must be finite", got="NaN or infinity", remedy="mend the file, or give samples weight 0"
+        )
     # Candidates come from spectra, which round to 1e-7 of the largest sample everywhere in the picture.
     some = views.flatten()[:: max(1, views.numel() // 10**5)].abs()  # as many say enough
     bright = float(some.quantile(0.99))
@@ -273,6 +292,11 @@ class OperatorRefocuser(Refocuser):
         """As in `Refocuser`, by the operator's parameters."""
         return self.takes("positions")
 
+    @property
+    def is_local(self) -> bool:
+        """As in `Refocuser`: shift-and-sum only."""
+        return self.function is shift_and_sum
+
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """The operator's stack, samples counted by their weight, black where no trusted one contributes.
 
@@ -305,11 +329,17 @@ class OperatorRefocuser(Refocuser):
 
     def reach(self, slopes: Tensor, field: LightField) -> int | None:
         """As in `Refocuser`; None for weighted samples, since weights are compared with the picture's largest."""
-        if self.function is not shift_and_sum or field.weight is not None:
+        if not self.is_local or field.weight is not None:
             return None
         parameters = inspect.signature(sum_reach).parameters
         options = {name: value for name, value in self.options.items() if name in parameters}
         return sum_reach(slopes, field.grid, positions=field.positions, **options)
+
+    def window(self, light: LightField, slopes: Tensor, rows: slice, columns: slice) -> Tensor:
+        """As in `Refocuser`."""
+        if light.weight is not None or not self.takes("window"):
+            return super().window(light, slopes, rows, columns)
+        return replace(self, operator=functools.partial(self.operator, window=(rows, columns)))(light, slopes)
 
     def _weighted_mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
         """Sum of the weighted samples over the sum of the weights."""
@@ -347,10 +377,14 @@ class OperatorRefocuser(Refocuser):
     def _through_views(
         self, views: Tensor, slopes: Tensor, weights: Tensor, options: dict[str, Tensor], in_place: bool = False
     ) -> Tensor:
-        """The stack through an aperture of these weights, [V, U], 0 for missing views, which may be filled in place."""
+        """The stack through an aperture of these weights, [V, U], 0 for missing views, which may be filled in place.
+
+        Operators that need symmetric weights read views of some weight as they are if the weights are not symmetric.
+        """
         if bool((weights == weights[0, 0]).all()):
             return self.operator(views, slopes, **options)
-        if self.function in PREDICTING and not bool((weights > 0).all()):
+        fits = self.function not in SYMMETRIC or batches.is_symmetric(weights)
+        if self.function in PREDICTING and not (fits and bool((weights > 0).all())):
             whole = filling.predicted(batches.radiance(views), weights, in_place)
             return self.operator(whole, slopes, **options).to(batches.stack_dtype(views))
         if "weights" in options:
@@ -375,9 +409,9 @@ def focus(views: Tensor, slopes: Tensor) -> Tensor:
 
 AT_ONCE = 2**26
 """Samples that are weighted at once, 256 MB: 9x9 views of 380x550 pixels in three channels are fewer."""
-PREDICTING: frozenset[Operator] = frozenset(
-    {refocus_by_layers, separable_wiener, occlusion_aware, occlusion_aware_parts}
-)
+SYMMETRIC: frozenset[Operator] = frozenset({wiener, separable_wiener, occlusion_aware, occlusion_aware_parts})
+"""Operators whose weights of views must be symmetric about both axes."""
+PREDICTING: frozenset[Operator] = SYMMETRIC | {refocus_by_layers}
 """Operators that estimate the record of the whole aperture: missing views are predicted for them."""
-COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells, super_resolve, focus, wiener}
+COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells, super_resolve, focus}
 """Operators that compare the views before they sum them, which weighted views would mislead."""

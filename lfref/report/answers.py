@@ -45,7 +45,9 @@ class Answer:
     @property
     def sentence(self) -> str:
         """The answer in one sentence with its figures."""
-        n_scenes, what = len(self.scores), f"scenes ({self.kind})" if self.reference == TRUTH else "light fields"
+        n_scenes, what = len(self.scores), "light fields"
+        if self.reference == TRUTH and self.kind:
+            what = f"scenes ({self.kind})"
         where = f"On {n_scenes} {what}" if n_scenes > 1 else f"On {self.worst}"
         if self.reference not in TRUTHS:
             where += f", judged by {self.reference} and not by the truth"

@@ -366,7 +366,8 @@ def scatter(summary: pd.DataFrame) -> Figure:
         shape = {**styles[series], "color": REFERENCE_COLOURS.get(series[1], ORANGE), "linestyle": ""}
         axes.plot(group["mssim"], group["mpsnr_db"], markersize=6.5, alpha=0.75, **shape)
     fold_below_cap(axes)
-    judges = "the truth" if rows["reference"].isin(tables.TRUTHS).all() else "label sources and not by the truth"
+    is_truth = rows["reference"].isin(tables.TRUTHS)
+    judges = "the truth" if is_truth.all() else f"label sources and {'' if is_truth.any() else 'not '}by the truth"
     title = f"One point per light field, judged by {judges}"
     style_axes(axes, _judged_by(rows, "mssim"), _judged_by(rows, "mpsnr_db"), title)
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)

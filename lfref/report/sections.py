@@ -16,6 +16,8 @@ from lfref.report.page import Section
 METRICS = "log/metrics.csv"
 SUMMARY, PLANES = "summary.csv", "planes.csv"
 """Tables of an evaluation."""
+SHEETS = "contact_sheet.png", "*/contact_sheet.png"
+"""Pictures of a refocusing run, of one light field and of several."""
 AS_USUAL = sweeps.Options()
 CONFIG = "config.yaml"
 """File that every command leaves in its run folder, even if it fails."""
@@ -77,7 +79,8 @@ def sections(folders: Sequence[Path], options: sweeps.Options = AS_USUAL) -> lis
 
 def unfinished(folder: Path) -> Section:
     """A run without results; always raises a `FileError`."""
-    raise FileError("a run must have left a result", got="none, it was stopped too early or still goes on")
+    got = "none: it is of another command, was stopped too early or still goes on"
+    raise FileError("a run of lfref train, eval, refocus or bench must have left a result", got=got)
 
 
 def training(folder: Path) -> Section:
@@ -111,7 +114,7 @@ def evaluation(folder: Path) -> Section:
     text = "Every method against every reference, over the whole frame. " + (
         "The reference is the picture of a lens. "
         if by_truth
-        else "Labels are what a network can be trained on, and only rendered is the truth, the picture of a lens. "
+        else "Labels are what a network can be trained on, and only truth and rendered are the picture of a lens. "
     )
     text += "A method is left out where it is its own reference. PSNR is capped at 100 dB."
     if parts != [folder]:
@@ -160,8 +163,9 @@ def _check_no_overlap(folder: Path, summary: pd.DataFrame) -> None:
 
 
 def refocusing(folder: Path) -> Section:
-    """All planes of a refocusing run."""
-    return Section(f"Refocused: {folder.name}", "", {f"All planes of {folder.name}": folder / "contact_sheet.png"})
+    """All planes of each light field of a refocusing run, or of the jobs of a multirun."""
+    sheets = [path for pattern in SHEETS for path in sorted(folder.glob(pattern))]
+    return Section(f"Refocused: {folder.name}", "", {f"All planes of {sheet.parent.name}": sheet for sheet in sheets})
 
 
 def benchmark(folder: Path) -> Section:
@@ -311,6 +315,7 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     "engines.csv": engines,
     "goals.csv": stability_table.goals,
     "stability.csv": stability_table.hard_cases,
-    "contact_sheet.png": refocusing,
+    SHEETS[0]: refocusing,
+    SHEETS[1]: refocusing,
 }
 """File in a run folder -> function that makes its section."""

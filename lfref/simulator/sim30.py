@@ -11,6 +11,8 @@ The module stands alone, since its scenes must stay as they are.
 """
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 from lfref.errors import chosen
 from lfref.simulator.effects.crosstalk import Crosstalk
@@ -225,12 +227,13 @@ VERSION_2 = "5d1c7b64e9f2"
 """Identifier of the pictures of version 2."""
 
 
-def scenes(name: str | None = None, camera: Camera | None = None, version: int = 1) -> Fixed:
+def scenes(name: str | None = None, camera: Camera | Mapping[str, Any] | None = None, version: int = 1) -> Fixed:
     """The thirty scenes, or one of them.
 
     Args:
         name: A key of `SCENES`; None takes all.
-        camera: Camera that replaces the scenes' own camera; its size may show more or less of them.
+        camera: Camera that replaces the scenes' own camera, or values of its fields that replace theirs, except for
+            None; its size may show more or less of the scenes.
         version: 1 (band-limited textures) or 2 (aliased textures).
 
     Raises:
@@ -238,4 +241,10 @@ def scenes(name: str | None = None, camera: Camera | None = None, version: int =
     """
     known = chosen("version of sim30", str(version), VERSIONS)
     selected = tuple(known.values()) if name is None else (chosen("sim30 scene", name, known),)
-    return Fixed(tuple(dataclasses.replace(scene, camera=camera or scene.camera) for scene in selected))
+
+    def camera_for(own: Camera) -> Camera:
+        if isinstance(camera, Camera):
+            return camera
+        return dataclasses.replace(own, **{name: value for name, value in (camera or {}).items() if value is not None})
+
+    return Fixed(tuple(dataclasses.replace(scene, camera=camera_for(scene.camera)) for scene in selected))

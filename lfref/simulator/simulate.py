@@ -81,7 +81,9 @@ class Simulation:
         if not outputs or not set(outputs) <= set(OUTPUTS):
             raise InputError(f"outputs must be some of {', '.join(OUTPUTS)}", got=list(outputs))
         camera = self.scene.camera
-        planes = geometry.checked_slopes(PAPER.slopes if slopes is None else slopes, camera.grid, camera.size)
+        planes = geometry.as_slopes(PAPER.slopes if slopes is None else slopes)
+        if "truth" in outputs:  # no other output depends on the planes
+            planes = geometry.checked_slopes(planes, camera.grid, camera.size)
         if "truth" in outputs and float(planes.abs().max()) > self.reach:
             self.reach, self._layers = float(planes.abs().max()), None
         schedule = planner.plan(self._passes(planes), [*outputs, "layers"], self.force)

@@ -438,7 +438,7 @@ def log_picture(logger: Any, picture: Tensor, step: int, caption: str = "", name
         pixels = (255 * picture.permute(1, 2, 0)).round().byte().numpy()
         shown = [pixels if pixels.shape[2] > 1 else pixels[..., 0]]
         logger.log_image(name, shown, step=step, caption=[caption])
-    elif hasattr(logger.experiment, "add_image"):
+    elif hasattr(getattr(logger, "experiment", None), "add_image"):  # not all loggers have one
         logger.experiment.add_image(name, picture, step)
 
 

@@ -5,13 +5,13 @@ import contextlib
 import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 from torch.optim import Optimizer
-from torch.optim.lr_scheduler import LRScheduler
+from torch.optim.lr_scheduler import CosineAnnealingLR, CyclicLR, LRScheduler, OneCycleLR
 from torchmetrics import Metric
 
 from lfref.data.patch_data import Batch
@@ -49,9 +49,6 @@ class Fitting(LightningModule, abc.ABC):
     Raises:
         InputError: A metric has the name of a value that is logged anyway.
     """
-
-    interval: ClassVar[str] = "epoch"
-    """Time at which the schedule is stepped: each `epoch`, or each `step`."""
 
     def __init__(
         self,
@@ -117,7 +114,7 @@ class Fitting(LightningModule, abc.ABC):
             InputError: The settings do not fit the optimiser or the schedule.
         """
         optimizer, schedule = self._optimization(self.net.parameters())
-        stepped = {"scheduler": schedule, "interval": self.interval}
+        stepped = {"scheduler": schedule, "interval": interval_of(schedule)}
         return {"optimizer": optimizer} | ({"lr_scheduler": stepped} if schedule else {})
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
@@ -135,14 +132,18 @@ class Fitting(LightningModule, abc.ABC):
             "step": checkpoint["global_step"],
         }
         optimizer, schedule = self._optimization(iter([nn.Parameter(torch.zeros(()))]))
-        refit(checkpoint, optimizer, schedule, n_steps[self.interval])
+        refit(checkpoint, optimizer, schedule, n_steps[interval_of(schedule)])
 
     def _optimization(self, parameters: Iterator[nn.Parameter]) -> tuple[Optimizer, LRScheduler | None]:
         try:
             optimizer = self.optimizer(parameters)
-            return optimizer, self.scheduler(optimizer) if self.scheduler else None
+            schedule = self.scheduler(optimizer) if self.scheduler else None
         except (TypeError, ValueError, ZeroDivisionError) as error:
             raise InputError("optimizer and scheduler must have settings that fit them", got=error) from error
+        if isinstance(schedule, CosineAnnealingLR) and schedule.T_max < 1:  # it would jump between the rate and 0
+            remedy = "set trainer.max_epochs, or take scheduler=one_cycle, which counts steps"
+            raise InputError("scheduler=cosine needs at least one epoch", got=f"T_max={schedule.T_max}", remedy=remedy)
+        return optimizer, schedule
 
 
 class Refocusing(Fitting):
@@ -153,7 +154,7 @@ class Refocusing(Fitting):
         loss: Named weighted terms.
         planes: Planes of the labels; they go into every checkpoint.
         optimizer: Function that makes the optimiser from the parameters.
-        scheduler: Function that makes the schedule of its learning rate, stepped each epoch; None keeps the rate.
+        scheduler: Function that makes the schedule of its learning rate (`interval_of`); None keeps the rate.
         is_linear: Whether the data are linear light or encoded samples; this goes into every checkpoint.
         metrics: Further metrics of refocused images by name, logged as `val/NAME`.
 
@@ -227,14 +228,12 @@ class Refining(Fitting):
         loss: Function of refined pictures, truth, pictures and error scale.
         recipe: Recipe of the set of planes; its method and features go into every checkpoint.
         optimizer: Function that makes the optimiser from the parameters.
-        scheduler: Function that makes the schedule of its learning rate, stepped each step; None keeps the rate.
+        scheduler: Function that makes the schedule of its learning rate (`interval_of`); None keeps the rate.
         metrics: Further metrics of refined planes by name, logged as `val/NAME`.
 
     Raises:
         InputError: The first features of the recipe are no candidates.
     """
-
-    interval = "step"
 
     def __init__(
         self,
@@ -309,6 +308,11 @@ def plane_names(planes: FocalPlanes) -> list[str]:
 def _wrong_loss(got: str) -> InputError:
     expected = "a loss must have terms(stack, labels) -> {name: scalar tensor} and total(terms) -> scalar tensor"
     return InputError(expected, got=got, remedy='see "What each part owes" in docs/extending.md')
+
+
+def interval_of(schedule: LRScheduler | None) -> str:
+    """When a schedule is stepped: each `step` if its length is a number of steps, else each `epoch`."""
+    return "step" if isinstance(schedule, OneCycleLR | CyclicLR) else "epoch"
 
 
 def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:

@@ -10,6 +10,7 @@ import base64
 import math
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,12 +19,13 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional as F
 
+from lfref.errors import InputError
 from lfref.io import images
 
 QUALITIES = {".webp": (75, 80, 83, 85, 87, 90, 95, 100), ".jpg": (75, 80, 85, 90, 95, 98, 100)}
 """Qualities of lossy pictures that are tried."""
 LEAST_DB, BETTER_DB = 42.0, 2.0
-"""PSNR that every view has on the page at least, and by how much the reference is better."""
+"""PSNR that every picture has on the page at least, and by how much the reference is better than the other views."""
 ZERO = 128 / 255
 """What a difference of 0 is kept as."""
 STEPS = 2
@@ -54,6 +56,27 @@ class Coding(NamedTuple):
 
 
 LOSSLESS = Coding(".png", images.QUALITY)
+
+
+@dataclass(frozen=True)
+class ViewQuality:
+    """How large and how exact the views of the page's lens are."""
+
+    most_pixels: float = 12_000_000
+    """Most pixels of all views together. Larger views are made smaller, so that the page can be sent by mail."""
+    least_db: float | None = LEAST_DB
+    """Least PSNR of a view, or the best that WebP and JPEG reach; None: PNG, without loss."""
+
+    def __post_init__(self) -> None:
+        if not _is_positive(self.most_pixels):
+            raise InputError("views.most_pixels must be a number above 0", got=repr(self.most_pixels))
+        if self.least_db is not None and not _is_positive(self.least_db):
+            raise InputError("views.least_db must be a number above 0, in dB, or null", got=repr(self.least_db))
+
+
+def _is_positive(value: object) -> bool:
+    """Whether a value is a number above 0."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and value > 0
 
 
 class Prediction(NamedTuple):
@@ -113,16 +136,18 @@ def code(image: NDArray[np.floating], coding: Coding, predicted: NDArray[np.floa
     return Coded(coding, file, shown, -10 * math.log10(max(error, 1e-9)))
 
 
-def smallest(image: NDArray[np.floating], predicted: NDArray[np.floating] | None = None) -> Coded:
-    """The picture in the fewest bytes that show it with `LEAST_DB`, or the best one if none do.
+def smallest(
+    image: NDArray[np.floating], predicted: NDArray[np.floating] | None = None, least_db: float = LEAST_DB
+) -> Coded:
+    """The picture in the fewest bytes that show it with a PSNR, or the best one if none do.
 
     WebP halves the resolution of colours: where these are fine, only JPEG reaches it.
     """
     tried = [
-        at_least(LEAST_DB, image, Coding(suffix, QUALITIES[suffix][0]), predicted)
+        at_least(least_db, image, Coding(suffix, QUALITIES[suffix][0]), predicted)
         for suffix in filter(images.writes, QUALITIES)
     ]
-    return max(tried, key=lambda coded: (min(coded.decibels, LEAST_DB), -len(coded.file)))
+    return max(tried, key=lambda coded: (min(coded.decibels, least_db), -len(coded.file)))
 
 
 def at_least(

@@ -2,11 +2,15 @@
 // The lens: refocusing in linear light through any aperture, from any viewpoint, focused on any plane, tilted ones too.
 // It runs on the graphics processor in three passes: the weighted sum of the shifted views; a box along each axis, as
 // wide as the blur of a cell of the aperture, |slope - disparity| pixels, so that blurred edges show no copies (the
-// views between the cameras are missing); and the picture on the screen. Without a graphics processor, the processor
-// computes the sum at half the resolution.
+// views between the cameras are missing); and the picture on the screen. The disparity is the mean around a pixel, so
+// that the width changes slowly, and what is in focus there has no box, which would blur it. Without a graphics
+// processor, the processor computes the sum at half the resolution.
 
 const MOST_VIEWS = 512;
 const MOST_TAPS = 24; // pixels of a box along one axis
+const LEAST_BOX = 0.25; // pixels: a narrower box changes nothing that can be seen
+const IN_FOCUS = 0.25; // pixels of blur per view step up to which there is no box
+const FADE = 0.5; // pixels of blur beyond that until there is all of it
 const CORNERS = `#version 300 es
 in vec2 corner; out vec2 at;
 void main() { at = 0.5 * corner + 0.5; gl_Position = vec4(corner, 0.0, 1.0); }`;
@@ -63,24 +67,38 @@ void main() {
 }`;
 const BOX = `#version 300 es
 precision highp float;
-uniform sampler2D sum, disparities; uniform vec3 focus; uniform vec2 size, viewpoint; uniform ivec2 axis; uniform float cell;
+uniform sampler2D sum, surroundings; uniform vec3 focus; uniform vec2 size, viewpoint; uniform ivec2 axis; uniform float cell;
 uniform bool last; uniform ivec2 pixels;
-in vec2 at; out vec4 light;${DISPARITY}
+in vec2 at; out vec4 light;
+// Integral from 0 to x of the kernel of cubic interpolation (Catmull-Rom).
+float integral(float x) {
+  float a = min(abs(x), 2.0);
+  float inner = a + a * a * a * (-2.5 / 3.0 + 0.375 * a);
+  float outer = -1.0 / 6.0 + a * (2.0 + a * (-2.0 + a * (2.5 / 3.0 - 0.125 * a)));
+  return sign(x) * (a < 1.0 ? inner : outer);
+}
+vec3 around(vec2 place) {
+  ivec2 known = textureSize(surroundings, 0);
+  return texelFetch(surroundings, clamp(ivec2(floor(place * vec2(known))), ivec2(0), known - 1), 0).rgb;
+}
 void main() {
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   float slope = focus.x + dot(focus.yz, at - 0.5);
-  vec2 seen = at + (slope - disparity(at)) * viewpoint / size;
+  vec2 seen = at + (slope - around(at).x) * viewpoint / size;
   float scale = float(pixels.x) / size.x;
-  float width = min(cell * scale * abs(slope - disparity(seen)), float(${MOST_TAPS}));
-  float reach = 0.5 * max(width, 1.0);
+  vec3 disparity = around(seen);
+  float blur = max(max(disparity.y - slope, slope - disparity.z), 0.0); // the least one around the pixel
+  float share = clamp((blur - ${IN_FOCUS}) / ${FADE}, 0.0, 1.0);
+  float width = min(cell * scale * share * abs(slope - disparity.x), float(${MOST_TAPS}));
+  // The mean over the box of what lies between the pixels: shares of pixels alone would blur more than the box.
+  float reach = 0.5 * max(width, ${LEAST_BOX});
   light = vec4(0.0);
-  int last_tap = int(ceil(reach - 0.5));
+  int last_tap = width < ${LEAST_BOX} ? 0 : int(ceil(reach + 2.0)) - 1;
   for (int k = -last_tap; k <= last_tap; k++) {
-    // The share of a pixel that lies in the box.
-    float share = clamp(reach + 0.5 - abs(float(k)), 0.0, 1.0);
+    float weight = (integral(float(k) + reach) - integral(float(k) - reach)) / (2.0 * reach);
     ivec2 place = pixel + k * axis;
-    if (share <= 0.0 || any(lessThan(place, ivec2(0))) || any(greaterThanEqual(place, pixels))) continue;
-    light += share * texelFetch(sum, place, 0);
+    if (any(lessThan(place, ivec2(0))) || any(greaterThanEqual(place, pixels))) continue;
+    light += weight * texelFetch(sum, place, 0);
   }
   if (!last) return;
   vec3 mean = clamp(light.rgb / max(light.a, 1e-6), 0.0, 1.0);
@@ -127,6 +145,7 @@ function glLens(canvas, images, masks) {
   if (!gl || !gl.getExtension("EXT_color_buffer_float")) return null;
   if (images.length > Math.min(MOST_VIEWS, gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS))) return null;
   const [height, width] = content.views.size;
+  if (Math.max(height, width, HEIGHT, WIDTH) > gl.getParameter(gl.MAX_TEXTURE_SIZE)) return null;
   const [sum, box, show] = [SUM, BOX, SHOW].map((text) => programOf(gl, text));
   gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
   gl.bufferData(gl.ARRAY_BUFFER, new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]), gl.STATIC_DRAW);
@@ -153,6 +172,8 @@ function glLens(canvas, images, masks) {
   };
   const known = textureOf(gl.TEXTURE_2D, gl.NEAREST);
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, WIDTH, HEIGHT, 0, gl.RED, gl.FLOAT, disparities());
+  const around = textureOf(gl.TEXTURE_2D, gl.NEAREST);
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, WIDTH, HEIGHT, 0, gl.RGBA, gl.FLOAT, surroundings(disparities(), [WIDTH, HEIGHT]));
   const quad = (/** @type {WebGLFramebuffer | null} */ frame, /** @type {number} */ across, /** @type {number} */ down) => {
     gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
     gl.viewport(0, 0, across, down);
@@ -197,6 +218,7 @@ function glLens(canvas, images, masks) {
   const summed = target(gl.RGBA32F, gl.NEAREST);
   const blurred = target(gl.RGBA32F, gl.NEAREST);
   const picture = target(gl.RGBA8, gl.LINEAR);
+  if (gl.getError() !== gl.NO_ERROR) return null; // its memory does not hold the views
   const scene = (/** @type {ReturnType<typeof programOf>} */ { at }, /** @type {Lens} */ lens) => {
     gl.uniform3f(at("focus"), lens.slope, lens.tiltX, lens.tiltY);
     gl.uniform2f(at("size"), WIDTH, HEIGHT);
@@ -229,7 +251,7 @@ function glLens(canvas, images, masks) {
       quad(summed.frame, across, down);
       gl.useProgram(box.program);
       scene(box, lens);
-      gl.uniform1i(box.at("disparities"), known);
+      gl.uniform1i(box.at("surroundings"), around);
       gl.uniform2f(box.at("viewpoint"), lens.x, lens.y);
       gl.uniform2i(box.at("pixels"), across, down);
       gl.uniform1f(box.at("cell"), Math.min(1, fittingAperture(lens, REACH)));
@@ -364,6 +386,13 @@ async function newLens(canvas) {
   const masks = content.views.masks ? await Promise.all(content.views.masks.map(decode)) : null;
   const isPlain = new URLSearchParams(location.hash.slice(1)).has("plain");
   const drawing = isPlain ? null : glLens(canvas, images, masks);
-  canvas.dataset.by = drawing ? "webgl" : "canvas";
-  return drawing || plainLens(canvas, images);
+  if (drawing) {
+    canvas.dataset.by = "webgl";
+    return drawing;
+  }
+  // A canvas of WebGL cannot become one of the processor.
+  const plain = /** @type {HTMLCanvasElement} */ (canvas.cloneNode());
+  plain.dataset.by = "canvas";
+  canvas.replaceWith(plain);
+  return plainLens(plain, images);
 }

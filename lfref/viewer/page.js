@@ -5,7 +5,8 @@
 
 /** @param {string} name @returns {any} */
 const find = (name) => document.getElementById(name);
-const [stage, liveCanvas, flatCanvas] = [find("stage"), find("live"), find("flat")];
+const [stage, flatCanvas] = [find("stage"), find("flat")];
+let liveCanvas = find("live");
 const flat = /** @type {CanvasRenderingContext2D} */ (flatCanvas.getContext("2d"));
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const TO_FOCUS = 250; // milliseconds until a point that was tapped is in focus
@@ -57,6 +58,11 @@ function say(text) {
     animation.cancel();
     animation.play();
   }
+}
+
+/** Say why a picture cannot be shown. @param {any} error */
+function explain(error) {
+  say(error.message);
 }
 
 /** A slope as people read it: the field's number, and the distance where the cameras are known. @param {number} slope */
@@ -172,7 +178,7 @@ function bitmapOf(uri) {
       if (ready.has(uri)) return;
       ready.set(uri, made);
       paint(performance.now() - lastChange >= REST);
-    });
+    }, explain);
   }
   return bitmap;
 }
@@ -773,7 +779,13 @@ async function begin() {
   // The first picture is painted before the views are decoded, which keeps this thread busy.
   await find("first").decode().catch(() => {});
   await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
-  drawing = await newLens(liveCanvas);
+  try {
+    drawing = await newLens(liveCanvas);
+  } catch (error) {
+    explain(error);
+    return;
+  }
+  liveCanvas = find("live"); // another one where the graphics processor could not draw
   readyAt = performance.now();
   changed();
   if (!isGiven) introduce();

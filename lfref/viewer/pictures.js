@@ -15,22 +15,53 @@ function bytes(text) {
   return values;
 }
 
-/** @param {string} uri */
-function decode(uri) {
-  let bitmap = decoded.get(uri);
+/** The text of an element of the page, or the data URI of its picture. @param {string} address */
+function textAt(address) {
+  const element = document.querySelector(address);
+  return element instanceof HTMLImageElement ? element.src : element?.textContent || "";
+}
+
+/** @param {string} address */
+function decode(address) {
+  let bitmap = decoded.get(address);
   if (!bitmap) {
-    const [head, text] = uri.split(",");
-    // Of a blob it is decoded in another thread, once.
-    bitmap = createImageBitmap(new Blob([bytes(text)], { type: head.slice("data:".length).split(";")[0] }));
-    decoded.set(uri, bitmap);
+    bitmap = uriOf(address).then((uri) => {
+      const [head, text] = uri.split(",");
+      // Of a blob it is decoded in another thread, once.
+      return createImageBitmap(new Blob([bytes(text)], { type: head.slice("data:".length).split(";")[0] }));
+    });
+    decoded.set(address, bitmap);
   }
   return bitmap;
 }
 
+/** What waits for the pictures of a folder, by their addresses. @type {Map<string, (uri: string) => void>} */
+const awaited = new Map();
+
+/** The data URI of a picture: in an element of the page, or what a script in the folder beside the page hands over.
+ * @param {string} address @returns {Promise<string>} */
+function uriOf(address) {
+  if (address.startsWith("#")) return Promise.resolve(textAt(address));
+  return new Promise((resolve, reject) => {
+    const script = document.createElement("script");
+    awaited.set(address, resolve);
+    script.addEventListener("load", () => script.remove());
+    script.addEventListener("error", () => reject(new Error(`${address} is missing: it belongs beside this page.`)));
+    script.src = address;
+    document.head.append(script);
+  });
+}
+
+/** Take a picture of the folder: its script calls this. @param {string} address @param {string} uri */
+function keep(address, uri) {
+  awaited.get(address)?.(uri);
+  awaited.delete(address);
+}
+
 // Disparity and confidence of each pixel of the central view.
 const depth = {
-  steps: new Uint16Array(bytes(content.depth.disparity).buffer),
-  confidence: bytes(content.depth.confidence),
+  steps: new Uint16Array(bytes(textAt(content.depth.disparity)).buffer),
+  confidence: bytes(textAt(content.depth.confidence)),
 };
 const SURE = content.depth.least_confidence; // of 255
 const AROUND = 6; // pixels

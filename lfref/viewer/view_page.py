@@ -1,12 +1,14 @@
 """The refocus page of `lfref view`: one HTML file with pictures of every plane, the views, and a map of disparity.
 
 The page loads nothing from elsewhere. It allows only the program with a given hash, so that a title or a file name
-cannot add another program. Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
-This module stands apart from the command, since the page is a program of its own.
+cannot add another program. The pictures of a large page are files in a folder beside it, each loaded when it is needed.
+Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column. This module stands apart from
+the command, since the page is a program of its own.
 """
 
 import base64
 import hashlib
+import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -32,12 +34,14 @@ from lfref.refocuser import filling
 from lfref.report import disparity_colours
 from lfref.report.refocused import Refocused
 from lfref.viewer import coding
-from lfref.viewer.coding import LOSSLESS, Coding, Prediction
+from lfref.viewer.coding import LOSSLESS, Coding, Prediction, ViewQuality
 
 PROGRAMS = ("geometry.js", "pictures.js", "lens.js", "page.js")
 """Files of the page's program, in the order of execution."""
-MOST_VIEW_PIXELS = 12_000_000
-"""Most pixels of all views together. Larger views are made smaller, so that the page can be sent by mail."""
+MOST_BYTES = 30_000_000
+"""Size of the largest page that holds its pictures itself."""
+FIRST = "#first"
+"""Address of the picture that the page shows first."""
 LEAST_SEEN, MOST_CROPPED = 0.5, 0.15
 """Share of the views that see a pixel which is shown, and largest share of a side that is cropped away for it."""
 WINDOW, CENTRAL = 9, 0.35
@@ -49,8 +53,8 @@ DISPARITY_STEPS = 65535
 """Number of steps between the least and the largest disparity."""
 
 
-def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[str, Any]) -> None:
-    """Write the page, all or nothing.
+def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[str, Any]) -> list[Path]:
+    """Write the page, all or nothing. Pictures of more than `MOST_BYTES` go into the folder NAME_pictures beside it.
 
     Args:
         path: HTML file to write.
@@ -58,19 +62,70 @@ def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[
         facts: Name -> value, shown below the picture.
         content: Content that `page_content` returns.
 
+    Returns:
+        The page, and the folder of its pictures if there is one.
+
     Raises:
-        FileError: The file cannot be written.
+        FileError: A file cannot be written.
     """
+    is_large = len(_json(content)) > MOST_BYTES
+    folder = path.with_name(f"{path.stem}_pictures") if is_large else None
+    texts: dict[str, str] = {}
+
+    def keep_in_page(text: str) -> str:
+        texts[f"text_{len(texts)}"] = text
+        return f"#text_{len(texts) - 1}"
+
+    numbers = itertools.count(1)
+
+    def keep_in_folder(uri: str) -> str:
+        # A script that hands over the picture: a page that is opened from disk may load no other files.
+        address = f"{path.stem}_pictures/{next(numbers):04d}.js"
+        atomic.write_text(path.parent / address, f"keep({json.dumps(address)}, {json.dumps(uri)});\n")
+        return address
+
+    placed = _placed(content, keep_in_page, keep_in_folder if is_large else keep_in_page)
     program = "".join((Path(__file__).parent / name).read_text(encoding="utf-8") for name in PROGRAMS)
     text = _template("view.html").render(
         title=title,
         facts=facts,
         content=content,
+        first=content["methods"][0]["planes"][content["start"]["plane"]],
+        folder=folder,
+        texts=texts,
         program=Markup(program),
         hash=base64.b64encode(hashlib.sha256(program.encode()).digest()).decode(),
-        data=Markup(_escaped(json.dumps(content, separators=(",", ":")))),
+        data=Markup(_json(placed)),
     )
     atomic.write_text(path, text.lstrip() + "\n")
+    return [path] if folder is None else [path, folder]
+
+
+def _placed(
+    content: Mapping[str, Any], keep_text: Callable[[str], str], keep_picture: Callable[[str], str]
+) -> dict[str, Any]:
+    """The content with addresses of its long texts and pictures, which two functions keep; `first` is in the page.
+
+    Browsers read an element at one go. They show the first picture sooner if no element is long.
+    """
+    depth, views, start = content["depth"], content["views"], (0, content["start"]["plane"])
+    texts = {name: keep_text(depth[name]) for name in ("disparity", "confidence")}
+    methods = [
+        {
+            **method,
+            "planes": [FIRST if (n, k) == start else keep_picture(uri) for k, uri in enumerate(method["planes"])],
+        }
+        for n, method in enumerate(content["methods"])
+    ]
+    masks = None if views["masks"] is None else [*map(keep_picture, views["masks"])]
+    return {
+        **content,
+        "depth": {**depth, **texts},
+        "methods": methods,
+        "sharp": keep_picture(content["sharp"]),
+        "map": keep_picture(content["map"]),
+        "views": {**views, "pictures": [*map(keep_picture, views["pictures"])], "masks": masks},
+    }
 
 
 class GalleryEntry(NamedTuple):
@@ -104,17 +159,21 @@ def _template(name: str) -> jinja2.Template:
     return pages.get_template(f"viewer/{name}")
 
 
-def _escaped(text: str) -> str:
+def _json(content: Mapping[str, Any]) -> str:
     """JSON that cannot end the element around it."""
+    text = json.dumps(content, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def page_content(methods: Mapping[str, Refocused], aperture: Tensor | None = None) -> dict[str, Any]:
+def page_content(
+    methods: Mapping[str, Refocused], aperture: Tensor | None = None, quality: ViewQuality | None = None
+) -> dict[str, Any]:
     """Content of the page as plain containers.
 
     Args:
         methods: Method -> the light field refocused to the same planes; the first method is the first on the page.
         aperture: Weight of each view, >= 0, by which the methods refocus, [V, U]; None: all alike.
+        quality: Of the views of the lens; None: that of a page to send by mail.
 
     Returns:
         `size` [H, W]; `crop`, what is shown: left, top, right, bottom as shares of the sides; `quantity` and `unit` of
@@ -165,7 +224,7 @@ def page_content(methods: Mapping[str, Refocused], aperture: Tensor | None = Non
         "sharp": small.uri(first.encoded(first.sharp)),
         "map": small.uri(first.disparity_picture),
         "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(disparity_colours.coloured(_bar(*ends), *ends))},
-        "views": _views(first, slopes, small),
+        "views": _views(first, slopes, small, quality or ViewQuality()),
     }
 
 
@@ -230,10 +289,12 @@ def _bar(low: float, high: float) -> NDArray[np.float64]:
     return np.tile(np.linspace(low, high, BAR_SIZE[1]), (BAR_SIZE[0], 1))
 
 
-def _views(refocused: Refocused, disparity: NDArray[np.floating], first: Coding) -> dict[str, Any]:
+def _views(
+    refocused: Refocused, disparity: NDArray[np.floating], first: Coding, quality: ViewQuality
+) -> dict[str, Any]:
     field = refocused.field
     views = field.views.flatten(0, 1)
-    scale = min(1.0, math.sqrt(MOST_VIEW_PIXELS / (len(views) * math.prod(field.size))))
+    scale = min(1.0, math.sqrt(quality.most_pixels / (len(views) * math.prod(field.size))))
     size = [max(1, int(scale * length)) for length in field.size] if scale < 1 else list(field.size)
 
     def smaller(image: Tensor) -> Tensor:
@@ -262,7 +323,7 @@ def _views(refocused: Refocused, disparity: NDArray[np.floating], first: Coding)
         assert field.weight is not None
         return LOSSLESS.uri(smaller(field.weight.flatten(0, 1)[n] / weights.amax()).permute(1, 2, 0).float().numpy())
 
-    reference, pictures = _coded_views(cameras, shown, disparity, first)
+    reference, pictures = _coded_views(cameras, shown, disparity, first, quality.least_db)
     return {
         "size": size,
         "pictures": pictures,
@@ -277,18 +338,21 @@ def _coded_views(
     shown: Callable[[int], NDArray[np.float32]],
     disparity: NDArray[np.floating],
     first: Coding,
+    least_db: float | None,
 ) -> tuple[int | None, list[str]]:
     """The view that predicts the others, None where that saves nothing, and the pictures that are kept of all views."""
+    if least_db is None:
+        return None, [LOSSLESS.uri(shown(k)) for k in range(len(cameras))]
     distances = [math.hypot(*camera) for camera in cameras]
     reference, far = (int(choose(distances)) for choose in (np.argmin, np.argmax))
-    whole = coding.at_least(coding.LEAST_DB + coding.BETTER_DB, shown(reference), first)
+    whole = coding.at_least(least_db + coding.BETTER_DB, shown(reference), first)
     prediction = Prediction(whole.shown, cameras[reference], disparity)
-    plain = coding.at_least(coding.LEAST_DB, shown(far), first)
-    least = coding.smallest(shown(far), prediction.view(cameras[far]))
+    plain = coding.at_least(least_db, shown(far), first)
+    least = coding.smallest(shown(far), prediction.view(cameras[far]), least_db)
     if far == reference or len(least.file) >= len(plain.file):
-        return None, [coding.at_least(coding.LEAST_DB, shown(k), first).uri for k in range(len(cameras))]
+        return None, [coding.at_least(least_db, shown(k), first).uri for k in range(len(cameras))]
     pictures = [
-        coding.at_least(coding.LEAST_DB, shown(k), least.coding, prediction.view(camera)).uri
+        coding.at_least(least_db, shown(k), least.coding, prediction.view(camera)).uri
         for k, camera in enumerate(cameras)
     ]
     pictures[reference] = whole.uri

@@ -3,7 +3,9 @@
 import dataclasses
 import itertools
 import math
+import struct
 import zlib
+from pathlib import Path
 
 import pytest
 import torch
@@ -12,6 +14,7 @@ from lfref import encoding, geometry
 from lfref.captures.black_views import BlackViewsDefect
 from lfref.captures.correct import (
     KINDS,
+    CentralView,
     Corrections,
     NoiseDefect,
     central_view,
@@ -25,6 +28,7 @@ from lfref.captures.vignetting import Rim, falloff_gain, find_by_white, rim_gain
 from lfref.errors import FileError, InputError
 from lfref.functional import noise_line
 from lfref.io.read import read
+from lfref.io.tensor_files import DIGEST
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.effects.noise import noisy
@@ -41,6 +45,16 @@ def vignetted():
 @pytest.fixture(scope="module")
 def corrected(vignetted):
     return correct(vignetted)
+
+
+@pytest.fixture
+def shaded():
+    """A light field, the same with shading that differs from row to row of views, and a white picture."""
+    field = clean("twigs")
+    (n_rows, n_columns), (height, width) = field.grid, field.size
+    v, y = torch.linspace(-1, 1, n_rows)[:, None, None, None, None], torch.linspace(-1, 1, height)[:, None]
+    gain = (0.75 - 0.25 * v * y).expand(n_rows, n_columns, 3, height, width)
+    return field, dataclasses.replace(field, views=gain * field.views), LightField(0.8 * gain, "white")
 
 
 @pytest.fixture
@@ -82,6 +96,34 @@ def test_each_defect_is_estimated_after_the_correction_of_those_before():
     assert correct(field)[1].active == ()
 
 
+def test_a_white_picture_follows_the_order_of_the_views(shaded):
+    plain, *both = shaded
+    field, white = (dataclasses.replace(each, views=each.views.transpose(0, 1).contiguous()) for each in both)
+    corrected, corrections = correct(field, white)
+    assert {"view_order", "vignetting"} <= set(corrections.active)
+    ratio = corrected.views / plain.views.clamp(min=0.01)
+    torch.testing.assert_close(ratio / ratio.mean(), torch.ones_like(ratio), atol=2e-3, rtol=0)
+
+
+def test_a_white_picture_counts_where_views_show_no_common_disparities(monkeypatch, shaded):
+    plain, field, white = shaded
+    monkeypatch.setattr(CentralView, "is_comparable", property(lambda view: False))
+    corrected, corrections = correct(field, white)
+    assert "vignetting" in corrections.active
+    assert "common disparities" in corrections.skipped["exposure"]
+    ratio = corrected.views / plain.views.clamp(min=0.01)
+    torch.testing.assert_close(ratio / ratio.mean(), torch.ones_like(ratio), atol=2e-3, rtol=0)
+    assert "common disparities" in correct(field)[1].skipped["vignetting"]
+
+
+def test_a_file_of_corrections_with_a_flipped_bit_is_refused(spaced):
+    content = bytearray(Path(spaced).read_bytes())
+    content[content.index(struct.pack(">d", 1.25)) + 1] ^= 1  # in the pickle, which is stored as it is
+    Path(spaced).write_bytes(content)
+    with pytest.raises(FileError, match="must hold corrections; got another kind of file, or a damaged or changed one"):
+        load(spaced)
+
+
 def test_a_profile_or_white_picture_of_another_size_is_refused(vignetted, corrected):
     other = vignetted.crop(0, 0, 64, 64)
     with pytest.raises(InputError, match="7x7 views of 64x64"):
@@ -105,7 +147,10 @@ def test_a_file_of_something_else_is_refused(tmp_path, content):
 
 @pytest.mark.parametrize("changed", [{"findings": {"unheard": {}}}, {"findings": {"spacing": {"ratios": 1}}}])
 def test_a_file_of_other_defects_is_refused(spaced, tmp_path, changed):
-    torch.save(torch.load(spaced) | changed, tmp_path / "changed.pt")
+    torch.save(
+        {name: value for name, value in (torch.load(spaced) | changed).items() if name != DIGEST},
+        tmp_path / "changed.pt",
+    )
     with pytest.raises(FileError, match="entries that cannot be read"):
         load(tmp_path / "changed.pt")
 
@@ -357,6 +402,7 @@ def test_a_packed_tensor_that_is_damaged_is_refused(tmp_path, entry):
     corners = torch.zeros(3, 3, 1, 64, 64, dtype=torch.bool)
     Corrections((3, 3), (64, 64), (BlackViewsDefect((), corners),)).save(tmp_path / "a.pt")
     content = torch.load(tmp_path / "a.pt")
+    del content[DIGEST]
     content["findings"]["black_views"]["corners"] |= entry
     torch.save(content, tmp_path / "a.pt")
     with pytest.raises(FileError, match="entries that cannot be read"):
@@ -372,3 +418,17 @@ def test_corrections_in_place_use_the_memory_of_the_light_field():
     assert corrections.active == ("exposure", "alignment")
     assert torch.equal(corrected.views, expected.views)
     assert corrected.views.data_ptr() == own.views.data_ptr()
+
+
+@pytest.mark.parametrize(
+    "change", [torch.Tensor.half, torch.Tensor.bfloat16, lambda views: views.clone().requires_grad_()]
+)
+def test_views_of_any_floating_type_are_corrected(change):
+    field = clean("twigs")
+    darker = field.views.clone()
+    darker[0] *= 0.7
+    expected, _ = correct(LightField(darker))
+    corrected, corrections = correct(LightField(change(darker)))
+    assert corrections.active == ("exposure",)
+    assert corrected.views.dtype == change(darker).dtype
+    torch.testing.assert_close(corrected.views.detach().float(), expected.views, atol=0.02, rtol=0)

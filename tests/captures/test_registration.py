@@ -202,6 +202,17 @@ def test_views_without_weight_move_no_others():
     assert rms(error - linear @ torch.linalg.lstsq(linear, error).solution) < 0.01
 
 
+@pytest.mark.parametrize("hole", [(0, 0), (2, 2), (6, 3)])
+@pytest.mark.parametrize("name", ["shards", "leaves"])
+def test_a_missing_view_takes_up_no_shifts_of_the_others(name, hole):
+    field, weight = clean(name), torch.ones(7, 7, 1, *clean(name).size)
+    weight[hole] = 0
+    defect = found_in(dataclasses.replace(field, views=field.views * weight, weight=weight))
+    assert float(defect.shifts[hole].abs().max()) < 1e-9
+    assert defect.reason_to_skip() is not None
+    assert rms(defect.shifts - found_in(field).shifts) < 0.003
+
+
 @pytest.mark.parametrize("name", ["shards", "stripes", "window", "gloss", "mirror", "running", "lattice"])
 def test_scenes_without_misalignment_stay_as_they_are(name):
     assert registration.find_alignment((7, 7), registered_clean(name)).reason_to_skip() is not None

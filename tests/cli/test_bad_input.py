@@ -184,6 +184,11 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
         (("simulate", "suffix=.png"), "suffix must be '' or '.exr'"),
         (("simulate", "scene.name=../up", "scene=foliage"), "usable as the name of a file"),
         (("simulate", "scene=sim30", "scene.name=nowhere"), "sim30 scene must be one of"),
+        (
+            ("bench", "input={field}", "group=stability"),
+            "measured by group=front and group=operators; got group=stability",
+        ),
+        (("refocus", "input={field}", "+convention=parallel"), "write it without +: convention=VALUE"),
         (("simulate", "scene.n_surfaces=[3,1]"), "ranges must go from small to large"),
         (("simulate", "scene=varied", "scene.glossy=2"), "the share of glossy"),
         (("simulate", "scene.camera.size=[32,32]"), "less than half the height"),

@@ -16,6 +16,7 @@ from lfref.refocus import apertures
 from lfref.refocus.focus.all_in_focus import extended_focus
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from tests.cli.conftest import TINY
+from tests.cli.test_bad_input import assert_one_line
 
 QUICK = (*TINY, "trainer.max_epochs=2", "trainer.log_every_n_steps=1")
 
@@ -94,7 +95,13 @@ def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
     )
     assert status == 1
     assert "makes the planes alpha 0.125, " in error
-    assert "leave the planes as it was trained" in error
+    assert "ask for these planes" in error
+
+
+def test_refocus_refuses_an_aperture_that_a_network_cannot_have(lfref, trained, tmp_path):
+    field = trained / "scenes" / "simulated_s0_e0_000"
+    words = ("refocus", f"input={field}", f"run={trained}/run", "aperture=disc", f"output={tmp_path}/out")
+    assert "weighs the views as it was trained; got an aperture" in assert_one_line(*lfref(*words))
 
 
 def test_refocus_corrects_a_reversed_axis_of_views_or_warns_of_it(lfref, trained, tmp_path):

@@ -36,7 +36,8 @@ def test_every_choice_composes_and_instantiates(composed, choice, tmp_path, monk
         "planes": ("recipe=default",),
         "refining": ("experiment=refiner",),
     }
-    config = composed("prepare" if group == "recipe" else "train", f"{group}={name}", *needs.get(name, ()))
+    command = {"recipe": "prepare", "views": "view"}.get(group, "train")
+    config = composed(command, f"{group}={name}", *needs.get(name, ()))
     if group == "trainer":
         config.trainer.accelerator, config.trainer.devices = "cpu", 1
     assert configs.build(config[group]) is not None

@@ -4,10 +4,14 @@ import json
 import shutil
 
 import pandas as pd
+import pytest
 import torch
 
+from lfref.functional.psnr import psnr
+from lfref.io.read import read, read_stack
 from lfref.io.write import write
 from lfref.lightfield import LightField
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from tests.cli.test_bad_input import assert_one_line
 
 QUICK = ("slopes=[-0.3,0.4]", "~references.fourier_slice")
@@ -61,6 +65,47 @@ def test_a_sweep_of_shards_that_is_given_again_does_what_is_left(lfref, captures
     assert len(list((tmp_path / "out").glob("*/comparison/*.png"))) == 3
 
 
-def test_a_share_without_light_fields_is_one_clear_line(lfref, captures, tmp_path):
-    line = assert_one_line(*lfref("eval", f"input={captures}", f"output={tmp_path}/out", "shard=4/4", *QUICK))
-    assert "a table must have at least one row" in line
+def test_a_share_without_light_fields_is_no_failure(lfref, captures, tmp_path):
+    status, error = lfref("eval", f"input={captures}", f"output={tmp_path}/out", "shard=4/4", *QUICK)
+    assert status == 0, error
+    assert "no light field falls into shard 4/4" in (tmp_path / "out" / "eval.log").read_text()
+    assert not (tmp_path / "out" / "summary.csv").exists()
+
+
+def test_methods_and_references_that_are_null_are_left_out(lfref, captures, tmp_path):
+    words = ("eval", captures / "third", "+method@methods.s=shift_and_sum", "slopes=[-0.3,0.4]")
+    words += ("methods.shift_and_sum_through_cells=null", "references.shift_and_sum=null", f"output={tmp_path}/out")
+    status, error = lfref(*words)
+    assert status == 0, error
+    table = pd.read_csv(tmp_path / "out" / "planes.csv")
+    assert set(table["method"]) == {"shift_and_sum"}
+    assert set(table["reference"]) == {"fourier_slice"}
+
+
+def test_a_method_of_another_size_is_named_and_leaves_no_rows(lfref, captures, tmp_path):
+    words = ("eval", f"input={captures}/third", "+method@methods.fine=super_resolve", "+method@methods.s=shift_and_sum")
+    line = assert_one_line(*lfref(*words, *QUICK, f"output={tmp_path}/out"))
+    assert "super_resolve must make pictures of " in line
+    assert not (tmp_path / "out" / "summary.csv").exists()
+
+
+def test_nothing_but_null_to_evaluate_is_one_line(lfref, captures, tmp_path):
+    words = ("methods.shift_and_sum_through_cells=null", f"output={tmp_path}/out", *QUICK)
+    assert "there must be something to evaluate" in assert_one_line(*lfref("eval", captures / "third", *words))
+
+
+def test_the_truth_is_one_more_reference_and_judges_first(lfref, tmp_path):
+    words = ("n_fields=2", "scene.camera.size=[64,72]", "slopes=[-0.3,0.4]")
+    assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
+    words = ("eval", f"input={tmp_path}/scenes", "+method@methods.s=shift_and_sum", *QUICK)
+    status, error = lfref(*words, f"truth={tmp_path}/scenes/truth", f"output={tmp_path}/out")
+    assert status == 0, error
+    summary = pd.read_csv(tmp_path / "out" / "summary.csv")
+    assert set(summary["reference"]) == {"shift_and_sum", "truth"}
+    for row in summary[(summary["reference"] == "truth") & (summary["method"] == "shift_and_sum")].itertuples():
+        truth, planes = read_stack(tmp_path / "scenes" / "truth" / f"{row.light_field}.exr")
+        stack = shift_and_sum(read(tmp_path / "scenes" / row.light_field).views, planes.slopes)
+        assert row.mpsnr_db == pytest.approx(float(psnr(stack, truth).mean()), abs=1e-3)
+    assert "On 2 light fields, shift_and_sum" in (tmp_path / "out" / "eval.log").read_text()
+    line = assert_one_line(*lfref(*words, f"truth={tmp_path}/scenes/truth", "slopes=[0]", f"output={tmp_path}/other"))
+    assert "truth must be 1 plane of 64x72, slope 0" in line or "all 2 light fields must be usable" in line

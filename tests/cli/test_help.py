@@ -36,6 +36,17 @@ def test_a_choice_among_the_words_shows_its_options():
     assert "methods.first.operator.ridge=0.001" in texts.command_help("view", ["method@methods.first=disparity_layers"])
 
 
+@pytest.mark.parametrize(
+    ("command", "words", "option"),
+    [("prepare", [], "n_fields=800"), ("prepare", ["set=captures"], "set_folder=???"), ("bench", [], "margin=24")],
+)
+def test_options_of_global_files_have_the_keys_that_the_command_takes(command, words, option):
+    assert any(line.strip().startswith(option) for line in texts.command_help(command, words).splitlines())
+    key, value = option.split("=")
+    if not words:
+        assert texts.defaults(command)[key] == value
+
+
 def test_choices_of_a_group_in_two_places_are_listed_once():
     assert texts.command_help("view", []).count("The shipped network:") == 1
 

@@ -5,6 +5,8 @@ import inspect
 import re
 
 import pytest
+import torch
+import torchmetrics.regression
 from omegaconf import OmegaConf
 
 from lfref.cli import config as configs
@@ -302,3 +304,23 @@ def test_the_arguments_of_a_part_of_a_library_are_known():
 def test_every_effect_of_a_sensor_is_a_part():
     names = {f"{effect.__module__}.{effect.__name__}" for effect in EFFECTS.values()}
     assert names == {f"lfref.simulator.effects.{name}" for name in parts.EFFECTS}
+
+
+OF_TABLES = {name for name, why in parts.FAMILIES["torchmetrics.regression"].left_out.items() if "tables" in why}
+
+
+@pytest.mark.filterwarnings("ignore:Metric .* will save all targets")
+@pytest.mark.parametrize("name", torchmetrics.regression.__all__)
+def test_metrics_of_pictures_are_allowed_and_those_of_tables_refused(name):
+    target = f"torchmetrics.regression.{name}"
+    more = {"CriticalSuccessIndex": {"threshold": 0.5}, "MinkowskiDistance": {"p": 2}}.get(name, {})
+    metric, pictures = getattr(torchmetrics.regression, name)(**more), torch.rand(2, 2, 3, 16, 16)
+    if name in OF_TABLES:
+        with pytest.raises(InputError, match="compares tables of numbers"):
+            parts.check({"_target_": target})
+        with pytest.raises((ValueError, RuntimeError)):
+            metric.update(*pictures)
+    else:
+        parts.check({"_target_": target, **more})
+        metric.update(*pictures)
+        assert bool(torch.as_tensor(metric.compute()).isfinite().all())

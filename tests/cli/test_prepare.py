@@ -210,3 +210,41 @@ def test_other_splits_are_taken_over_and_files_of_others_are_left_alone(lfref, t
     assert {entry.name: entry.split for entry in prepared.manifest(tmp_path / "set")} == {
         f"field_{index}": "test" if index == 1 else None for index in range(5)
     }
+
+
+def test_what_is_decoded_again_keeps_its_split(lfref, tmp_path, captures):
+    (tmp_path / "splits.csv").write_text("name,split\nfield_0,train\nfield_1,test\nfield_2,validation\n")
+    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", "workers=0")
+    assert lfref(*words, f"splits={tmp_path}/splits.csv", f"output={tmp_path}/r0")[0] == 0
+    splits = {entry.name: entry.split for entry in prepared.manifest(tmp_path / "set")}
+    next((captures / "field_1").glob("*.png")).touch()
+    damaged = tmp_path / "set" / "field_2.field"
+    damaged.write_bytes(damaged.read_bytes()[:-1] + b"?")
+    status, error = lfref(*words, "check=true", f"output={tmp_path}/r1")
+    assert status == 0, error
+    assert "3 of 5 exist" in (tmp_path / "r1" / "prepare.log").read_text()
+    assert {entry.name: entry.split for entry in prepared.manifest(tmp_path / "set")} == splits
+    assert splits["field_1"] == "test"
+
+
+@pytest.mark.parametrize(
+    ("word", "got"), [("reader.views=3", "views: None in "), ("correct=auto", "correct: none in ")]
+)
+def test_a_set_is_read_in_one_way(lfref, tmp_path, captures, word, got):
+    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", "workers=0")
+    assert lfref(*words, f"output={tmp_path}/r0")[0] == 0
+    whole = contents(tmp_path / "set")
+    status, error = lfref(*words, word, f"output={tmp_path}/r1")
+    assert status == 1
+    assert f"all light fields of a set must be read in one way; got {got}" in error
+    assert contents(tmp_path / "set") == whole
+
+
+def test_the_limit_counts_what_the_set_holds_already(lfref, tmp_path, captures):
+    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", "workers=0")
+    assert lfref(*words, f"output={tmp_path}/r0")[0] == 0
+    for index in range(5):
+        (captures / f"field_{index}").rename(captures / f"other_{index}")
+    status, error = lfref(*words, "most_gb=0.002", f"output={tmp_path}/r1")
+    assert status == 1
+    assert "the set must stay below most_gb=0.002; got 0.00263 GB" in error

@@ -14,6 +14,7 @@ from lfref.cli import resume
 from lfref.errors import CheckpointError, InputError
 from lfref.io.run import Run, key_of, write_overrides
 from tests.cli.conftest import TINY
+from tests.cli.test_bad_input import assert_one_line
 
 QUIET = ("callbacks.progress=null", "callbacks.summary=null", "trainer.log_every_n_steps=1")
 CHOICES = ("label=fourier_slice", "planes.convention=parallel", "loss.weights.beta=0.2", "scheduler=cosine")
@@ -223,6 +224,18 @@ def test_a_run_that_goes_on_elsewhere_leaves_the_folder_of_somebody_else_alone(l
     assert [(folder / name).read_text() for name in ("config.yaml", "overrides.yaml", "log/metrics.csv")] == [
         "mine"
     ] * 3
+
+
+def test_results_go_on_in_the_folder_of_their_run_only(lfref, tmp_path):
+    words = ("simulate", "outputs=[views]", "scene.camera.size=[64,72]")
+    assert lfref(*words, "n_fields=1", f"output={tmp_path}/run")[0] == 0
+    line = assert_one_line(*lfref("simulate", f"resume={tmp_path}/run", f"output={tmp_path}/new"))
+    expected = f"results go on in the folder of the run; got output={tmp_path}/new; leave output out"
+    assert expected in line
+    assert not list((tmp_path / "new").glob("simulated*"))
+    for output in ("run", "run/", "./run"):
+        status, error = lfref("simulate", "resume=run", f"output={output}")
+        assert status == 0, error
 
 
 def test_one_command_begins_a_run_and_goes_on_with_it(lfref, tmp_path):

@@ -230,7 +230,11 @@ def test_an_output_that_is_or_contains_an_input_is_refused_and_nothing_changes(l
     assert lfref("simulate", "n_fields=1", "scene.camera.size=[64,72]", "outputs=[views]", "output=made")[0] == 0
     before = ownership.files_below(tmp_path / "made")
     (field,) = (path for path in (tmp_path / "made").iterdir() if path.is_dir() and path.name.startswith("simulated"))
-    for source, output in ((field, field), (field, "made"), ("made/simulated*", "made"), ("made/*", tmp_path)):
+    (tmp_path / "caps [1]").mkdir()
+    (tmp_path / "caps [1]" / "made").symlink_to(tmp_path / "made")
+    for source, output in (
+        (field, field), (field, "made"), ("made/simulated*", "made"), ("made/*", tmp_path), ("caps [1]/made/*", "made"),
+    ):  # fmt: skip
         status, errors = lfref("refocus", source, "slopes=[0]", f"output={output}", f"overwrite={overwrite}")
         assert status != 0
         assert "output must be a folder that neither is nor contains an input" in errors

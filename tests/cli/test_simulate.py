@@ -84,6 +84,7 @@ def test_a_killed_run_goes_on_with_the_scenes_that_are_missing(lfref, tmp_path, 
     status, error = lfref(*words, f"output={out}", "resume=auto")
     assert status == 0, error
     assert first.stat().st_mtime_ns == time_ns
+    assert "; there before: 1" in (out / "simulate.log").read_text()
     for path in (tmp_path / "whole").rglob("*.*"):
         other = out / path.relative_to(tmp_path / "whole")
         assert other.exists(), path
@@ -99,6 +100,18 @@ def test_light_fields_are_found_and_nothing_else_is_taken_for_one(lfref, tmp_pat
     assert lfref("simulate", *words, f"output={tmp_path}/out")[0] == 0
     names = [f"simulated_s5_e0_00{index}" for index in range(3)]
     assert [path.stem for path in find(tmp_path / "out")] == names
+
+
+def test_pictures_of_a_square_number_of_scenes_are_no_views(lfref, tmp_path):
+    words = ("n_fields=9", "outputs=[views,truth,disparity,masks,all_in_focus]", *SMALL)
+    assert lfref("simulate", *words, f"output={tmp_path}/out")[0] == 0
+    assert len(find(tmp_path / "out")) == 9
+    words = (tmp_path / "out", "method=shift_and_sum", "correct=none", "slopes=[0]", f"output={tmp_path}/refocused")
+    status, errors = lfref("refocus", *map(str, words))
+    assert status == 0, errors
+    assert len(list((tmp_path / "refocused").glob("*/stack.exr"))) == 9
+    assert lfref("simulate", "n_fields=1", *SMALL, f"output={tmp_path}/out", "overwrite=true")[0] == 0
+    assert len(find(tmp_path / "out")) == 1
 
 
 def test_the_pinhole_picture_and_masks_are_written(lfref, scene_of, tmp_path):
@@ -159,6 +172,15 @@ def test_sim30_is_written_by_name_as_it_is(lfref, tmp_path):
     stack, planes = read_stack(tmp_path / "out" / "truth" / "plane.exr")
     assert planes == geometry.planes_at_alphas(PAPER.alphas, "parallel")
     assert torch.equal(stack, simulate(sim30.SCENES["plane"], 0, ["truth"], planes.slopes).truth)
+
+
+@pytest.mark.parametrize("scene", ["everything", "sim30"])
+def test_values_of_the_camera_replace_those_of_sim30s_scenes(lfref, tmp_path, scene):
+    words = (f"scene={scene}", "scene.name=everything", "scene.camera.size=[48,52]", "outputs=[views]", "suffix=.exr")
+    status, error = lfref("simulate", *words, f"output={tmp_path}/out")
+    assert status == 0, error
+    own = sim30.SCENES["everything"].camera
+    assert read(tmp_path / "out" / "everything.exr").views.shape == (*own.grid, 3, 48, 52)
 
 
 @pytest.mark.parametrize("words", [("seed=1",), ("-m", "seed=1,2")])

@@ -142,6 +142,36 @@ def test_nothing_and_names_that_nothing_tells_apart_are_refused(captures):
         find(captures / "x" / "two" / "a", captures / "y" / "two" / "a")
 
 
+@pytest.mark.parametrize("name", ["a", "a.npy"])
+def test_small_pictures_beside_light_fields_are_left_out_and_named(tmp_path, caplog, name):
+    stray = tmp_path / "stray"
+    field = writer.write(stray / "b", LightField(torch.rand(3, 3, 3, 16, 20)))
+    if name == "a.npy":
+        field.rename(tmp_path / "elsewhere")
+        np.save(stray / name, np.zeros((3, 3, 16, 20, 3), np.uint8))
+    else:
+        writer.write(stray / name, LightField(torch.rand(3, 3, 3, 16, 20)))
+    for picture in ("preview.png", "preview_2.png"):
+        images.write_image(stray / picture, np.zeros((28, 42, 3)))
+    found = find(stray)
+    assert found == {path.stem: path for path in sorted(stray.iterdir()) if path.suffix != ".png"}
+    assert f"{stray}: left out, since they are too small for lenslet images: preview.png, preview_2.png" in caplog.text
+
+
+def test_a_folder_that_holds_views_is_one_light_field_whatever_lies_beside_them(tmp_path, caplog):
+    for number in range(9):
+        images.write_image(tmp_path / "views" / f"{number:03}.png", np.zeros((28, 42, 3)))
+    writer.write(tmp_path / "views" / "other", LightField(torch.rand(3, 3, 3, 16, 20)))
+    assert find(tmp_path / "views") == {"views": tmp_path / "views"}
+    assert "left out" not in caplog.text
+
+
+def test_the_results_of_a_light_field_are_no_light_fields(lfref, field, tmp_path):
+    words = ("refocus", field, "method=shift_and_sum", "correct=none", "slopes=[0,1]", f"output={tmp_path}/out")
+    assert lfref(*words)[0] == 0
+    assert find(tmp_path / "out") == {"out": tmp_path / "out"}
+
+
 def test_pictures_by_unknown_names_are_no_folder_of_lenslet_images(tmp_path):
     for name in ("left", "right"):
         images.write_image(tmp_path / "views" / f"{name}.png", np.zeros((28, 42, 3)))
@@ -187,12 +217,33 @@ def test_a_name_with_a_bracket_is_a_name(captures):
     assert find(odd) == {"a [1]": odd}
 
 
+@pytest.mark.parametrize("name", ["caps [2024]", "caps*", "what?"])
+def test_brackets_and_stars_of_folders_that_exist_are_no_pattern(tmp_path, monkeypatch, name):
+    for field in ("s01", "s02", "other"):
+        writer.write(tmp_path / name / "in" / field, LightField(torch.rand(2, 2, 3, 8, 8)))
+    expected = {field: tmp_path / name / "in" / field for field in ("s01", "s02")}
+    assert find(tmp_path / name / "in" / "s0[12]") == expected
+    assert find(tmp_path / name / "i*" / "s0*") == expected
+    monkeypatch.chdir(tmp_path / name / "in")
+    assert {field: path.resolve() for field, path in find("s0*").items()} == expected
+    monkeypatch.chdir(tmp_path / name)
+    assert {field: path.resolve() for field, path in find("in/../i*/s0*").items()} == expected
+
+
 def test_a_pattern_makes_every_folder_one_light_field(captures):
     assert find(captures / "one", pattern=r"(?P<index>\d+)") == {"one": captures / "one"}
 
 
 def test_a_missing_path_is_left_to_the_reader(tmp_path):
     assert find(tmp_path / "nowhere") == {"nowhere": tmp_path / "nowhere"}
+
+
+def test_parts_that_are_null_are_left_out():
+    aperture = {"_target_": "lfref.refocus.apertures.disc", "_partial_": True}
+    found = steps.parts_of(OmegaConf.create({"a": None, "b": aperture, "c": None}))
+    assert list(found) == ["b"]
+    assert callable(found["b"])
+    assert steps.parts_of(None) == {}
 
 
 def test_the_others_are_done_and_the_failed_named_at_the_end(tmp_path):

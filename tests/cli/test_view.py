@@ -12,6 +12,7 @@ import torch
 from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.refocus import apertures
+from lfref.viewer import view_page
 from tests.io import lytro_drawing
 from tests.viewer import cases
 
@@ -30,8 +31,12 @@ def field(tmp_path):
 
 
 def held(folder):
+    """The page, and its content with pictures in place of their addresses in the page."""
     text = (folder / "index.html").read_text()
-    return text, json.loads(re.search(r'id="content">(.*?)</script>', text).group(1))
+    elements = dict(re.findall(r'id="(text_\d+)">(.*?)</script>', text))
+    elements["first"] = re.search(r'id="first" src="(.*?)"', text).group(1)
+    content = re.search(r'id="content">(.*?)</script>', text).group(1)
+    return text, json.loads(re.sub(r'"#(\w+)"', lambda address: json.dumps(elements[address.group(1)]), content))
 
 
 def test_a_light_field_becomes_a_page(lfref, field, tmp_path):
@@ -53,6 +58,11 @@ def test_the_truth_is_shown_beside_the_methods(lfref, field, tmp_path):
     _, made = held(tmp_path / "run")
     assert made["slopes"] == [-1, 1]
     assert made["methods"][-1]["name"] == "truth"
+    (tmp_path / "truths").mkdir()
+    (tmp_path / "truth.exr").rename(tmp_path / "truths" / "field.exr")
+    status, errors = lfref("view", field, f"truth={tmp_path}/truths", WORDS[2], f"output={tmp_path}/folder")
+    assert status == 0, errors
+    assert held(tmp_path / "folder")[1]["methods"][-1] == made["methods"][-1]
     write.write_stack(tmp_path / "small.exr", stack[..., :50], FocalPlanes([1.0, -1.0]))
     status, errors = lfref("view", field, f"truth={tmp_path}/small.exr", WORDS[2], f"output={tmp_path}/other")
     assert status == 1
@@ -123,3 +133,18 @@ def test_the_page_begins_with_the_aperture_of_the_methods(lfref, field, tmp_path
     if expected is None:
         expected = (n_rows / 2 - torch.arange(n_rows)).clamp(0, 1)[:, None].expand(n_rows, n_rows)
     np.testing.assert_allclose(content["aperture"], expected / expected.max(), atol=1e-4)
+
+
+def test_exact_views_are_without_loss_and_beside_a_large_page(lfref, field, tmp_path, monkeypatch):
+    monkeypatch.setattr(view_page, "MOST_BYTES", 100_000)
+    status, errors = lfref(*WORDS, "views=exact", field, f"output={tmp_path}/run")
+    assert status == 0, errors
+    _, made = held(tmp_path / "run")
+    assert made["views"]["reference"] is None
+    pictures = made["views"]["pictures"]
+    assert pictures[0].startswith("index_pictures/")
+    assert '"data:image/png;base64,' in (tmp_path / "run" / pictures[0]).read_text()
+    monkeypatch.setattr(view_page, "MOST_BYTES", 30_000_000)
+    status, errors = lfref(*WORDS, field, f"output={tmp_path}/run", "overwrite=true")
+    assert status == 0, errors
+    assert not list((tmp_path / "run").glob("index_pictures/*")), "a page that holds its pictures has no folder"

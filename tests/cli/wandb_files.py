@@ -2,16 +2,29 @@
 
 import json
 import struct
+import time
 from pathlib import Path
 
 from wandb.proto import wandb_internal_pb2
 
 BLOCK, FILE_HEADER, PART_HEADER = 32768, 7, 7
 WHOLE, FIRST, MIDDLE, LAST = 1, 2, 3, 4
+LIMIT_S = 60
 
 
-def records(path: Path):
-    """The records of a file, in order."""
+def records(path: Path) -> list:
+    """The records of a finished run, in order."""
+    start_s = time.monotonic()
+    while time.monotonic() - start_s < LIMIT_S:
+        found = list(_written(path))
+        if any(record.WhichOneof("record_type") == "exit" for record in found):
+            return found
+        time.sleep(0.1)  # wandb's own process closes the file after `finish` has returned
+    raise AssertionError(f"{path} has no record of the run's end")
+
+
+def _written(path: Path):
+    """The records that are in a file so far."""
     contents, at, parts = path.read_bytes(), FILE_HEADER, b""
     while at + PART_HEADER <= len(contents):
         if BLOCK - at % BLOCK < PART_HEADER:  # too short for another header: filled with zeros
@@ -19,6 +32,8 @@ def records(path: Path):
             continue
         _, length, kind = struct.unpack("<IHB", contents[at : at + PART_HEADER])
         part = contents[at + PART_HEADER : at + PART_HEADER + length]
+        if len(part) < length:
+            return
         at += PART_HEADER + length
         parts = part if kind in (WHOLE, FIRST) else parts + part
         if kind in (WHOLE, LAST):

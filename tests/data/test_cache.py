@@ -114,6 +114,30 @@ def test_a_copy_under_another_name_is_not_decoded_again(store, tmp_path, decoded
     assert len(decoded) == 2
 
 
+def test_views_that_were_renamed_are_another_entry(store, tmp_path):
+    path = store(kind="folder", bits=8)
+    before = reader.read(path).views
+    assert cache.cached(path, {}, tmp_path / "cache").grid == (3, 3)
+    for file in sorted(path.glob("*.png")):  # a capture whose rows were taken for columns
+        stem, row, column = file.stem.rsplit("_", 2)
+        file.rename(path / f"new_{stem}_{column}_{row}.png")
+    field = cache.cached(path, {}, tmp_path / "cache").crop(0, 0, 12, 14).light()
+    assert torch.equal(field.views, before.transpose(0, 1))
+
+
+def test_another_white_picture_under_the_same_name_is_another_entry(tmp_path):
+    white = store_bytes(tmp_path / "white.tif", b"one")
+    first = cache.Reading({"white": white}).description()
+    assert cache.Reading({"white": white}).description() == first
+    store_bytes(white, b"two")
+    assert cache.Reading({"white": white}).description() != first
+
+
+def store_bytes(path, content):
+    path.write_bytes(content)
+    return path
+
+
 def spoilt(entry, how):
     content = bytearray(entry.read_bytes())
     return {

@@ -65,7 +65,7 @@ def test_a_patch_has_the_label_that_the_whole_field_has_there(options, interpola
     field = LightField(torch.rand(3, 3, 1, 40, 44))
     whole = source(field)
     for top, left in ((0, 0), (14, 15), (28, 31)):
-        _, label = patch_data.cut(field, source.margin(field.grid), top, left, 12).pair(source)
+        _, label = patch_data.cut(field, source, top, left, 12).pair(source)
         torch.testing.assert_close(label, whole[..., top : top + 12, left : left + 12], atol=1e-6, rtol=0)
 
 
@@ -83,7 +83,7 @@ def test_a_rendered_label_is_the_photograph_of_the_same_crop():
     scenes = RandomScenes(Camera((3, 3), (24, 28)))
     source = RenderedLabels("rendered", PLANES)
     field = SimulatedSource(1, 3, scenes).field(0)
-    views, label = patch_data.cut(field, source.margin(field.grid), 5, 9, 12).pair(source)
+    views, label = patch_data.cut(field, source, 5, 9, 12).pair(source)
     layers = painting.paint(scenes.scene(3, 0, 0), reach=float(PLANES.slopes.abs().max()))
     expected = truth.stack(layers, scenes.camera, PLANES.slopes).clamp(0, 1)[..., 5:17, 9:21]
     assert torch.equal(views, field.views[..., 5:17, 9:21])

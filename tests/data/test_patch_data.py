@@ -16,6 +16,7 @@ from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
+from lfref.refocus.fourier import exact
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -41,7 +42,7 @@ def label_of(operator, planes=PLANES, **options):
 
 def cut(field, source, top, left, size=PATCH):
     """Views and label of one patch."""
-    return patch_data.cut(field, source.margin(field.grid), top, left, size).pair(source)
+    return patch_data.cut(field, source, top, left, size).pair(source)
 
 
 def both_labels(field, source, top, left):
@@ -77,6 +78,18 @@ def test_labels_of_global_operators_differ_by_ringing_that_fades_away_from_the_b
     quality, inner = psnr(label, whole), psnr(label[..., 24:-24, 24:-24], whole[..., 24:-24, 24:-24])
     assert 55 < float(quality.min()) <= float(quality.max()) < 90
     assert bool((inner > quality + 5).all())
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (100, 31), (183, 348)])
+def test_crops_for_ffts_have_fast_lengths_and_those_for_sums_no_more_than_they_need(corner):
+    field, planes = LightField(torch.rand(7, 7, 1, 375, 540)), planes_at_alphas((0.125, 2.0))
+    local, periodic = (
+        patch_data.cut(field, label_of(operator, planes), *corner, 192) for operator in (shift_and_sum, fourier_slice)
+    )
+    for needed, taken, start, length in zip(local.context.size, periodic.context.size, corner, field.size, strict=True):
+        assert needed == min(start, 22) + 192 + min(length - start - 192, 22)
+        assert taken == min(length, exact.next_fast_even(needed))
+    assert torch.equal(periodic.context.views[..., *periodic.window], local.context.views[..., *local.window])
 
 
 class Labelled(FieldPatches):
@@ -206,7 +219,7 @@ def test_a_patch_is_flat_below_one_level_of_8_bits():
     for levels, is_flat in ((0.8, True), (1.2, False)):
         views = torch.zeros(1, 1, 1, 9, 9)
         views[..., 4, 4] = levels / 255
-        assert patch_data.cut(LightField(views), 1, 0, 0, 8).is_flat() == is_flat
+        assert patch_data.cut(LightField(views), label_of(shift_and_sum), 0, 0, 8).is_flat() == is_flat
         samples = StoredCrop("", (255 * views).round().byte(), False, SRGB)
         # One level of dark sRGB is less than one of linear light.
         assert patch_data.Patch(samples, 0, 0, 9, "").is_flat()

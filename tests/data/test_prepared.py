@@ -98,6 +98,31 @@ def test_done_is_what_was_made_of_this_state_in_this_way(store, tmp_path):
     assert not prepared.is_done(path, source, READING)
 
 
+def test_only_images_of_a_folder_count_for_its_state(store, tmp_path):
+    source, path = store(), tmp_path / "set" / "field.field"
+    (source / "link.png").symlink_to("nowhere")
+    prepared.prepare(path, source, READING)
+    (source / "notes.txt").write_text("mine")
+    assert prepared.is_done(path, source, READING)
+    for view in sorted(source.glob("field_*.png")):  # views stand elsewhere by their names
+        stem, row, column = view.stem.rsplit("_", 2)
+        view.rename(source / f"new_{stem}_{column}_{row}.png")
+    assert not prepared.is_done(path, source, READING)
+    prepared.prepare(path, source, READING)
+    for view in source.glob("*.png"):
+        view.unlink()
+    assert not prepared.is_done(path, source, READING)
+
+
+def test_the_record_beside_a_raw_file_counts_for_its_state(tmp_path):
+    (raw := tmp_path / "IMG_0001__frame.raw").write_bytes(b"samples")
+    states = [prepared._state(raw)]
+    for record in ('{"image": {}, "devices": {}}', '{"image": {"iso": 80}, "devices": {}}'):
+        (tmp_path / "IMG_0001__frame.json").write_text(record)
+        states.append(prepared._state(raw))
+    assert len(set(states)) == 3
+
+
 def test_the_manifest_lists_what_the_files_say(make, tmp_path):
     folder = make({"a": 1, "b": 2}, {"b": "test"})
     listed = prepared.manifest(folder)

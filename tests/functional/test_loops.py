@@ -65,7 +65,8 @@ def programs(request, tmp_path, monkeypatch):
 
 
 def started(folder, program=PROGRAM):
-    return subprocess.run([sys.executable, "-c", program, str(folder)], capture_output=True, text=True)
+    # Without bytecode: changed files keep their size and time, by which Python takes bytecode for that of the file.
+    return subprocess.run([sys.executable, "-B", "-c", program, str(folder)], capture_output=True, text=True)
 
 
 def result(folder):

@@ -29,7 +29,7 @@ TRAINING = (
     *TINY, "data.n_fields=20", "trainer.max_epochs=500", "data.workers=1",
     "callbacks.progress=null", "callbacks.summary=null", "callbacks.pictures=null",
 )  # fmt: skip
-LIMIT_S = 120
+LIMIT_S = 240
 CONFIGURATION = """
 ClusterName=test
 SlurmctldHost={host}(127.0.0.1)
@@ -122,22 +122,30 @@ def preempt(job: str) -> None:
     urgent = submit("#!/bin/sh\nsleep 1\n", "--partition=urgent", "--nodes=2", "--output=/dev/null")
     wait_until(lambda: "Restarts=1" in facts(job), "the job must be queued again")
     wait_until(lambda: "JobState=COMPLETED" in facts(urgent), "the urgent job must end")
-    start_waiting()
+    start_again(job)
 
 
-def start_waiting() -> None:
-    """Start the jobs that wait in the queue: those that are queued again would wait for two minutes."""
-    for waiting in run("squeue", "--noheader", "--states=PENDING", "--format=%i").split():
-        run("scontrol", "update", f"JobId={waiting}", "StartTime=now")
+def start_again(job: str) -> None:
+    """Start a job that is queued again at once."""
+    wait_until(lambda: "JobState=PENDING" in facts(job), "the job must wait in the queue")
+    # Within the second in which it was killed, a node takes the new start for the old one, and the job fails.
+    time.sleep(3)
+    wait_until(lambda: _starts(job), "the job must start again")
+
+
+def _starts(job: str) -> bool:
+    """Let a job start now, and return whether it runs; SLURM delays it by two minutes when its old nodes are free."""
+    subprocess.run(["scontrol", "update", f"JobId={job}", "StartTime=now"], capture_output=True)
+    return "JobState=RUNNING" in facts(job)
 
 
 def step_of(checkpoint: Path) -> int:
     return int(torch.load(checkpoint, weights_only=True)["global_step"])
 
 
-def test_the_documented_job_is_preempted_and_goes_on_by_itself(cluster, tmp_path):
+def documented_job(tmp_path: Path) -> str:
+    """The script of the page on scaling, for a tiny training by one task without a GPU."""
     (script,) = re.findall(r"```\n(#!/bin/bash\n#SBATCH.*?)```", DOCUMENTED.read_text(), re.DOTALL)
-    last = tmp_path / "run" / "checkpoints" / "last.ckpt"
     for documented, here in (
         ("--ntasks-per-node=4 --gpus-per-node=4 --cpus-per-task=8", f"--ntasks-per-node=1 --output={tmp_path}/log"),
         ("trainer=ddp", "trainer=ddp trainer.accelerator=cpu trainer.devices=1"),
@@ -146,9 +154,23 @@ def test_the_documented_job_is_preempted_and_goes_on_by_itself(cluster, tmp_path
     ):
         assert documented in script
         script = script.replace(documented, here)
-    job = submit(script, "--open-mode=append")
+    return script
+
+
+def at_its_time_limit(job: str) -> None:
+    """Wait until the job has got its signal and waits in the queue again, and let it start."""
+    wait_until(lambda: "Restarts=1" in facts(job), "the job must be queued again")
+    start_again(job)
+
+
+@pytest.mark.parametrize(
+    ("ends", "options"), [(preempt, ()), (at_its_time_limit, ("--time=2",))], ids=["preempted", "time_limit"]
+)
+def test_the_documented_job_goes_on_by_itself(cluster, tmp_path, ends, options):
+    last = tmp_path / "run" / "checkpoints" / "last.ckpt"
+    job = submit(documented_job(tmp_path), "--open-mode=append", *options)
     wait_until(last.exists, f"a checkpoint must be written; {tmp_path}/log")
-    preempt(job)
+    ends(job)
     text = (tmp_path / "log").read_text()
     assert "lfref train: stopped by SIGTERM" in text, text
     assert "Traceback" not in text, text
@@ -178,8 +200,7 @@ def test_members_of_a_sweep_outlive_a_signal_and_are_queued_again(cluster, tmp_p
         run("scancel", "--signal=TERM", folder.name)  # as at the beginning of a preemption
         wait_until(lambda: step_of(sweep / "0" / "checkpoints" / "last.ckpt") > begun + 6, "it must go on", process)
         run("scontrol", "requeue", folder.name)  # as at its end
-        wait_until(lambda: "JobState=PENDING" in facts(folder.name), "the member must wait in the queue")
-        start_waiting()
+        start_again(folder.name)
         errors = process.communicate(timeout=LIMIT_S)[1]
     finally:
         process.kill()
@@ -207,7 +228,7 @@ def test_a_shard_that_is_queued_again_does_what_is_left(cluster, tmp_path):
         run("scontrol", "requeue", folder.name)  # preemption may take longer than the shard
         wait_until(lambda: "JobState=PENDING" in facts(folder.name), "the shard must wait in the queue")
         first = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("0/field_*/stack.exr")}
-        start_waiting()
+        start_again(folder.name)
         errors = process.communicate(timeout=LIMIT_S)[1]
     finally:
         process.kill()

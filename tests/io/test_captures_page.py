@@ -138,7 +138,7 @@ FORMS: dict[str, tuple[Maker, tuple[int, int]]] = {
         pictures("{}_{}.png".format, keep=lambda row, column: (row, column) != (1, 2)),
         (3, 3),
     ),
-    "cameras off the even grid": (rig, (3, 3)),
+    "cameras off an evenly spaced grid": (rig, (3, 3)),
     "rows 1.2 times as far apart": (pictures("{}_{}.png".format), (3, 3)),
     "9x9 of 17x17 views": (pictures("{}_{}.png".format, 17, 17), (9, 9)),
     "rows or columns counted the other way": (pictures("{}_{}.png".format), (3, 3)),

@@ -28,10 +28,11 @@ def folder(tmp_path):
     return folder
 
 
+@pytest.mark.parametrize("before", ["", "../my run/../"])
 @pytest.mark.parametrize("part", ["", "checkpoints/last.ckpt"])
-def test_a_run_is_found_by_its_folder_or_a_checkpoint_in_it(folder, part, monkeypatch):
-    monkeypatch.chdir(folder.parent)
-    run = Run.of(f"my run/{part}")
+def test_a_run_is_found_by_its_folder_or_a_checkpoint_in_it(folder, before, part, monkeypatch):
+    monkeypatch.chdir(folder if before else folder.parent)
+    run = Run.of(f"{before}my run/{part}")
     assert (run.folder, run.name) == (folder, "my run")
     assert run.chosen == (folder / part if part else None)
     assert run.last == folder / "checkpoints" / "last.ckpt"

@@ -10,6 +10,7 @@ from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
 from lfref.io import atomic, images, ownership, read, write
 from lfref.lightfield import LightField
+from lfref.refocus import batches
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +91,22 @@ def test_nan_and_other_channel_counts_are_refused(tmp_path, name):
     with pytest.raises(InputError, match="1 or 3"):
         write.write(tmp_path / name, LightField(torch.zeros(1, 2, 2, 2, 2)))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a", "a.exr"])
+def test_positions_which_no_file_holds_are_refused(tmp_path, name):
+    field = LightField(torch.rand(2, 2, 3, 4, 5), positions=1.3 * batches.even((2, 2)))
+    with pytest.raises(InputError, match=r"even grid; got cameras at positions .* read it with positions=FILE"):
+        write.write(tmp_path / name, field)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a", "a.exr"])
+def test_samples_that_are_no_light_come_back_without_decoding(tmp_path, name):
+    field = LightField((torch.rand(2, 2, 3, 4, 5) * 255).round() / 255, is_linear=False)
+    back = read.read(write.write(tmp_path / name, field), encoding="none")
+    assert not back.is_linear
+    torch.testing.assert_close(back.views, field.views, atol=1e-6, rtol=0)
 
 
 def stack_of_two(path):

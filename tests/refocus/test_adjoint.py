@@ -5,6 +5,7 @@ import functools
 import pytest
 import torch
 
+import lfref
 from lfref.errors import InputError
 from lfref.refocus.adjoint import adjoint
 from lfref.refocus.fourier.exact import exact_fourier
@@ -95,3 +96,27 @@ def test_a_stack_that_the_operator_cannot_have_made_is_refused(shape):
 def test_an_operator_with_light_of_its_own_is_refused():
     with pytest.raises(InputError, match="must be linear"):
         adjoint(lambda views: OPERATORS["linear"](views) + 1, torch.zeros(3, 1, 4, 5), torch.empty(2, 3, 1, 4, 5))
+
+
+@pytest.mark.parametrize("operator", [lfref.occlusion_aware, lfref.separable_wiener, lfref.refocus_by_layers])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_an_operator_that_estimates_disparities_is_refused(operator, dtype):
+    views = torch.rand(3, 3, 1, 32, 40, generator=torch.Generator().manual_seed(0)).to(dtype)
+    stack = torch.rand(2, 1, 32, 40, generator=torch.Generator().manual_seed(1)).to(dtype)
+    with pytest.raises(InputError, match=r"must be linear .*bind what it would estimate"):
+        adjoint(functools.partial(operator, slopes=[-0.3, 0.4]), stack, views)
+
+
+def test_an_operator_that_is_given_its_disparities_is_linear():
+    operator = functools.partial(lfref.separable_wiener, slopes=[-0.3, 0.4], disparities=[-0.5, 0.0, 0.5])
+    stack = torch.rand(2, 1, 32, 40, generator=torch.Generator().manual_seed(1))
+    assert adjoint(operator, stack, torch.empty(3, 3, 1, 32, 40)).any()
+
+
+def test_an_operator_without_gradients_is_refused():
+    with pytest.raises(InputError, match=r"must be linear .*without gradients"):
+        adjoint(
+            lambda views: lfref.shift_and_sum(views, SLOPES).detach(),
+            torch.rand(3, 1, 8, 9),
+            torch.empty(2, 2, 1, 8, 9),
+        )

@@ -316,3 +316,18 @@ def test_coverage_counts_the_views_that_have_a_sample(kind):
 def test_positions_that_cannot_be_used_are_refused(operator, positions, message):
     with pytest.raises(InputError, match=message):
         operator(torch.rand(*GRID, 1, *SIZE), [1.0], positions=positions)
+
+
+@pytest.mark.parametrize("name", ["weights", "positions"])
+@pytest.mark.parametrize("values", ["abc", [[1, 2], [1]], [["a"]]])
+def test_what_is_no_table_of_numbers_is_refused(name, values):
+    with pytest.raises(InputError, match=f"{name} must be a table of numbers"):
+        shift_and_sum(torch.rand(2, 2, 1, 8, 9), [0.0], **{name: values})
+
+
+def test_weights_may_be_lists():
+    views, weights = torch.rand(3, 3, 1, 24, 28), [[0.0, 1.0, 1.0]] * 3
+    for operator in (shift_and_sum, shift_and_sum_through_cells):
+        assert torch.equal(
+            operator(views, [2.0], weights=weights), operator(views, [2.0], weights=torch.tensor(weights))
+        )

@@ -104,6 +104,7 @@ def test_an_operator_takes_any_slopes_batches_and_channels(tmp_path):
     ):
         torch.testing.assert_close(loaded(views, slopes), cases.operator()(views, slopes), atol=1e-6, rtol=0)
     assert (loaded.is_linear, loaded.planes, loaded.grid) == (None, None, cases.GRID)
+    assert lfref.load(written(tmp_path, "operator"), "meta").device == torch.device("cpu")
     with pytest.raises(InputError, match="refocuses to any planes; got none"):
         loaded(views)
     with pytest.raises(InputError, match="less than half the height"):

@@ -20,8 +20,10 @@ from lfref.refocus.fourier.super_resolution import super_resolve
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.wiener import wiener
 from lfref.refocuser.refocuser import (
     OperatorRefocuser,
+    Refocuser,
     check_for_network,
     coplanar_homography,
     even_stack,
@@ -37,6 +39,17 @@ from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import shifted_views, texture
 
 SLOPES = [-0.5, 0.0, 0.4]
+EVERY = {
+    "sum": shift_and_sum,
+    "exact": exact_fourier,
+    "cells": shift_and_sum_through_cells,
+    "layers": refocus_by_layers,
+    "aware": occlusion_aware,
+    "separable": separable_wiener,
+    "finer": super_resolve,
+    "slice": fourier_slice,
+    "wiener": wiener,
+}
 
 
 def named(*names):
@@ -69,6 +82,17 @@ def test_a_light_field_and_its_views_give_the_operators_stack(operator):
 def test_what_are_no_views_is_refused(views, complaint):
     with pytest.raises(InputError, match=complaint):
         OperatorRefocuser("name", shift_and_sum)(views, SLOPES)
+
+
+@pytest.mark.parametrize("slopes", ["abc", ["a"], [[0.0], [1.0, 2.0]], [torch.nan]])
+def test_what_are_no_slopes_is_refused(slopes):
+    with pytest.raises(InputError, match="slopes must be"):
+        OperatorRefocuser("name", shift_and_sum)(torch.rand(3, 3, 1, 8, 9), slopes)
+
+
+def test_one_number_is_one_plane():
+    views = torch.rand(3, 3, 1, 8, 9)
+    assert torch.equal(OperatorRefocuser("name", shift_and_sum)(views, 0.4), shift_and_sum(views, [0.4]))
 
 
 def test_who_makes_any_planes_must_be_told_which():
@@ -151,6 +175,27 @@ def test_what_looks_at_the_whole_picture_is_refused(whole):
         in_bands(whole, field(), planes, 8, np.zeros, CPU)
 
 
+@pytest.mark.parametrize("operator", [shift_and_sum, exact_fourier])
+def test_a_window_is_that_part_of_the_stack_with_weights_and_without(operator):
+    refocuser, rows, columns = OperatorRefocuser("it", operator), slice(2, 9), slice(4, 5)
+    views = torch.rand(3, 3, 1, 12, 13)
+    for light in (LightField(views), LightField(views, weight=(torch.rand(3, 3, 1, 12, 13) > 0.2).float())):
+        slopes = torch.tensor([-0.5, 1.0], dtype=torch.float64)
+        assert torch.equal(refocuser.window(light, slopes, rows, columns), refocuser(light, slopes)[..., rows, columns])
+
+
+def test_views_go_to_the_device_of_the_method_and_the_stack_back():
+    class Elsewhere(Refocuser):
+        name, device = "elsewhere", torch.device("meta")
+
+        def stack(self, views, weight, slopes, positions=None):
+            assert views.device == self.device
+            return torch.ones(len(slopes), *views.shape[-3:])  # "meta" holds no values to move back
+
+    for light in (torch.rand(3, 3, 1, 12, 13), LightField(torch.rand(3, 3, 1, 12, 13))):
+        assert Elsewhere()(light, [0.0, 1.0]).shape == (2, 1, 12, 13)
+
+
 def test_weights_of_samples_are_refused():
     light = field(weight=torch.ones(3, 5, 1, 67, 21))
     with pytest.raises(InputError, match="of samples with weights, which looks at the whole picture"):
@@ -224,6 +269,17 @@ def test_the_colour_of_samples_that_weigh_nothing_does_not_matter():
     torch.testing.assert_close(
         OperatorRefocuser("name", operator)(first, FOCI), OperatorRefocuser("name", operator)(second, FOCI)
     )
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("wild", [torch.nan, torch.inf])
+def test_samples_that_weigh_nothing_may_be_anything(name, wild):
+    weight = torch.ones(5, 5, 1, 40, 44)
+    weight[1, 2, 0, 10:14, 20:23] = 0
+    views = torch.where(weight > 0, torch.rand(5, 5, 3, 40, 44), 0)
+    refocuser = OperatorRefocuser(name, EVERY[name])
+    expected = refocuser(LightField(views, weight=weight), [0.3])
+    assert torch.equal(refocuser(LightField(views.masked_fill(weight == 0, wild), weight=weight), [0.3]), expected)
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
@@ -327,18 +383,6 @@ def test_cells_before_a_map_are_as_wide_as_at_its_farthest_disparity():
     assert OperatorRefocuser("name", behind).cell_width(FOCI) == 2.5
 
 
-EVERY = {
-    "sum": shift_and_sum,
-    "exact": exact_fourier,
-    "cells": shift_and_sum_through_cells,
-    "layers": refocus_by_layers,
-    "aware": occlusion_aware,
-    "separable": separable_wiener,
-    "finer": super_resolve,
-    "slice": fourier_slice,
-}
-
-
 def with_holes(holes, grid=(5, 5), size=(40, 44)):
     """A field of a plane at disparity .5, without some of its views, and with rubbish in their place."""
     weight = torch.ones(*grid, 1, *size, dtype=torch.float64)
@@ -378,6 +422,17 @@ def test_views_that_all_weigh_the_same_are_as_if_they_had_no_weights(name):
     views = torch.rand(5, 4, 3, 20, 24)
     sampled = LightField(views, weight=torch.full((5, 4, 1, 20, 24), 0.4))
     assert torch.equal(OperatorRefocuser(name, EVERY[name])(sampled, [0.3]), EVERY[name](views, [0.3]))
+
+
+@pytest.mark.parametrize("name", ["wiener", "separable", "aware"])
+def test_views_of_some_weight_are_read_as_they_are_by_methods_of_symmetric_weights(name):
+    views, weights = torch.rand(5, 5, 3, 40, 44), torch.ones(5, 5)
+    weights[0, 1] = 0.5
+    sampled = LightField(views, weight=weights[:, :, None, None, None].expand(5, 5, 1, 40, 44))
+    assert torch.equal(OperatorRefocuser(name, EVERY[name])(sampled, [0.4]), EVERY[name](views, [0.4]))
+    refocuser = OperatorRefocuser(name, EVERY[name], apertures.disc)
+    expected = EVERY[name](views, [0.4], weights=apertures.disc((5, 5)))
+    assert torch.equal(refocuser(sampled, [0.4]), expected)
 
 
 @pytest.mark.parametrize("name", ["cells", "layers", "aware", "finer"])

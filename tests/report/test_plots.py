@@ -218,3 +218,9 @@ def test_the_scatter_says_who_judges(reference, title, label):
     assert axes.get_title("left") == f"One point per light field, {title}"
     assert axes.get_ylabel() == label
     assert len(axes.get_lines()) == (1 if reference == "fourier_slice" else 2)
+
+
+def test_the_scatter_says_that_truth_and_labels_judge():
+    rows = [{"method": "net", "mpsnr_db": 20.0, "mssim": 0.5, "reference": name} for name in ("truth", "fourier_slice")]
+    axes = plots.scatter(pd.DataFrame(rows)).axes[0]
+    assert axes.get_title("left") == "One point per light field, judged by label sources and by the truth"

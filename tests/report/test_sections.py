@@ -1,5 +1,7 @@
 """Run folders are recognised by their files, and sections hold the numbers of the tables."""
 
+import shutil
+
 import pandas as pd
 import pytest
 
@@ -378,6 +380,15 @@ def test_a_section_that_cannot_be_made_names_run_and_cause_and_the_others_are_th
     assert broken.problem.startswith(f"{kind} of {folder}: ")
     assert cause in broken.problem
     assert (whole.title, whole.problem) == ("Refocused: refocus", "")
+
+
+def test_every_light_field_of_a_refocusing_run_is_shown(tmp_path, refocusing):
+    for name in ("second", "first"):
+        shutil.copytree(refocusing, tmp_path / "both" / name)
+    (tmp_path / "both" / "config.yaml").write_text("output: here\n")
+    (section,) = sections.sections([tmp_path / "both"])
+    assert section.title == "Refocused: both"
+    assert list(section.figures) == ["All planes of first", "All planes of second"]
 
 
 def test_a_run_that_was_stopped_before_its_first_result_is_named(tmp_path, refocusing):

@@ -235,3 +235,10 @@ def test_defects_of_the_views_leave_a_truth_alone():
     )
     truth = torch.rand(2, 3, 6, 7) * 4
     assert torch.equal(developed(truth, spoilt), truth)
+
+
+def test_views_alone_need_no_planes_that_fit_them():
+    scene = Scene(Camera((15, 15), (20, 24)), (Surface(Plane(0.0), Flat((0.5, 0.5, 0.5))),))
+    assert simulate(scene, outputs=("views",)).views.shape == (15, 15, 3, 20, 24)
+    with pytest.raises(InputError, match="less than half the height"):
+        simulate(scene)

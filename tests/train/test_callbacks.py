@@ -286,6 +286,10 @@ def test_a_single_held_out_patch_is_shown_once_and_one_that_is_not_finite_is_the
     assert (worst.mpsnr, best.mpsnr) == (-torch.inf, 100)
 
 
+def test_a_logger_without_an_experiment_gets_no_pictures():
+    assert log_picture(object(), torch.rand(3, 6, 8), 3) is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("n_channels", [1, 3])
 def test_pictures_in_wandb_are_the_pictures(tmp_path, n_channels):

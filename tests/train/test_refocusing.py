@@ -1,7 +1,9 @@
 import copy
+import functools
 
 import pytest
 import torch
+from torch.optim.lr_scheduler import CosineAnnealingLR, OneCycleLR
 from torchmetrics.image import PeakSignalNoiseRatio
 
 from lfref.errors import InputError
@@ -24,6 +26,19 @@ class TestFit:
             fit.fit(copy.deepcopy(module), datamodule=data)
             losses.append(fit.callback_metrics["val/loss"].item())
         assert losses[1] < 0.9 * losses[0]
+
+    def test_a_cycle_of_steps_is_stepped_each_step(self, module, data, trainer):
+        cycle = functools.partial(OneCycleLR, max_lr=0.01, total_steps=8, cycle_momentum=False)
+        cycling = Refocusing(module.net, CompositeLoss(), module.planes, module.optimizer, cycle)
+        fit = trainer(max_steps=8, max_epochs=-1)
+        fit.fit(cycling, datamodule=data)
+        assert fit.optimizers[0].param_groups[0]["lr"] < 1e-3  # by epoch it would be near its height
+
+    def test_a_cosine_without_a_last_epoch_is_refused(self, module, data, trainer):
+        cosine = functools.partial(CosineAnnealingLR, T_max=-1)
+        endless = Refocusing(module.net, CompositeLoss(), module.planes, module.optimizer, cosine)
+        with pytest.raises(InputError, match=r"scheduler=cosine needs at least one epoch; got T_max=-1"):
+            trainer(max_steps=8, max_epochs=-1).fit(endless, datamodule=data)
 
     def test_every_term_and_their_weighted_sum_are_logged(self, module, data, trainer):
         fit = trainer(max_epochs=1, log_every_n_steps=1)

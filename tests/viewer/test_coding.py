@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from lfref.errors import InputError
 from lfref.viewer import coding
 from lfref.viewer.coding import Coding, Prediction
 from tests.viewer import cases
@@ -77,7 +78,7 @@ def test_quality_rises_until_it_is_enough():
 
 
 @pytest.mark.slow
-def test_the_coding_has_the_fewest_bytes_that_do(monkeypatch):
+def test_the_coding_has_the_fewest_bytes_that_do():
     shown = cases.methods()["linear"]
     view = shown.encoded(shown.field.views[2, 2])
     sizes, errors = {}, {}
@@ -87,10 +88,16 @@ def test_the_coding_has_the_fewest_bytes_that_do(monkeypatch):
             file, read = tried.coded(view)
             sizes[tried], errors[tried] = len(file), -10 * np.log10(np.square(read / 255 - view).mean())
     for least in (30.0, 38.5, 42.0):
-        monkeypatch.setattr(coding, "LEAST_DB", least)
-        chosen = coding.smallest(view)
+        chosen = coding.smallest(view, least_db=least)
         assert chosen.decibels == pytest.approx(errors[chosen.coding])
         assert chosen.decibels >= least
         assert len(chosen.file) == min(sizes[tried] for tried, decibels in errors.items() if decibels >= least)
-    monkeypatch.setattr(coding, "LEAST_DB", 90.0)
-    assert coding.smallest(view).decibels == max(errors.values())
+    assert coding.smallest(view, least_db=90.0).decibels == max(errors.values())
+
+
+@pytest.mark.parametrize(
+    "values", [{"most_pixels": 0}, {"least_db": -3.0}, {"most_pixels": "many"}, {"least_db": math.nan}]
+)
+def test_a_quality_that_is_no_number_above_0_is_refused(values):
+    with pytest.raises(InputError, match="must be a number above 0"):
+        coding.ViewQuality(**values)

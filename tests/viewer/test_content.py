@@ -12,7 +12,10 @@ from lfref.geometry import FocalPlanes
 from lfref.report import disparity_colours
 from lfref.report import refocused as refocused_module
 from lfref.viewer import coding, view_page
+from lfref.viewer.coding import ViewQuality
 from tests.viewer import cases
+
+SMALL = ViewQuality()
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +58,7 @@ def test_the_map_has_the_colours_of_its_bar(content):
     )
     assert np.median(np.abs(expected - shown)[is_known]) < 0.02
     assert is_known.any()
-    assert not is_unknown.any() or np.median(np.abs(shown[is_unknown] - view_page.GREY)) < 0.05
+    assert not is_unknown.any() or np.median(np.abs(shown[is_unknown] - disparity_colours.GREY)) < 0.05
 
 
 @pytest.mark.parametrize(
@@ -95,7 +98,7 @@ def test_views_that_predict_nothing_are_kept_whole():
     field, _ = cases.scene()
     unlike = dataclasses.replace(field, views=torch.rand(field.views.shape))
     views = view_page._views(
-        dataclasses.replace(cases.methods()["linear"], field=unlike), np.zeros((96, 128)), coding.LOSSLESS
+        dataclasses.replace(cases.methods()["linear"], field=unlike), np.zeros((96, 128)), coding.LOSSLESS, SMALL
     )
     assert views["reference"] is None
     assert (
@@ -112,14 +115,29 @@ def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():
     refocused = dataclasses.replace(
         cases.methods()["linear"], field=dataclasses.replace(field, weight=weight, positions=positions)
     )
-    views = view_page._views(refocused, np.zeros((96, 128)), coding.LOSSLESS)
+    views = view_page._views(refocused, np.zeros((96, 128)), coding.LOSSLESS, SMALL)
     assert len(views["pictures"]) == 24
     assert views["cameras"][-1] == [-0.5, 1.25]
 
 
-def test_many_large_views_are_made_smaller(monkeypatch):
-    monkeypatch.setattr(view_page, "MOST_VIEW_PIXELS", 25 * 96 * 128 // 4)
-    assert view_page.page_content(cases.methods())["views"]["size"] == [48, 64]
+def test_many_large_views_are_made_smaller():
+    content = view_page.page_content(cases.methods(), quality=ViewQuality(most_pixels=25 * 96 * 128 / 4))
+    assert content["views"]["size"] == [48, 64]
+
+
+def test_exact_views_have_no_loss():
+    views = view_page.page_content(cases.methods(), quality=ViewQuality(1e9, None))["views"]
+    assert views["reference"] is None
+    field, first = cases.scene()[0], cases.methods()["linear"]
+    for view, picture in zip(field.views.flatten(0, 1), views["pictures"], strict=True):
+        assert np.abs(cases.pixels(picture, "png") - first.encoded(view)).max() <= 0.5 / 255 + 1e-6
+
+
+def test_views_reach_a_higher_quality_on_request():
+    content = view_page.page_content(cases.methods(), quality=ViewQuality(1e9, 47.0))
+    first = cases.methods()["linear"]
+    for view, shown in zip(first.field.views.flatten(0, 1), cases.views(content), strict=True):
+        assert -10 * np.log10(np.square(shown - first.encoded(view)).mean()) >= 47
 
 
 def test_methods_of_other_planes_are_refused():

@@ -250,3 +250,20 @@ def test_a_view_is_restored_as_it_is_predicted(size, camera, own):
     error = np.abs(np.reshape(restored, (24, 30, 4))[..., :3] - expected).max(-1)
     # Rounding may choose the neighbour of a pixel of the map.
     assert (error > 0.51).mean() < 0.005
+
+
+def test_surroundings_are_means_and_ends_of_windows_that_stop_at_the_border():
+    disparity = np.random.default_rng(0).uniform(-2, 1, (19, 23)).astype(np.float32)
+    around = computed(
+        "Array.from(surroundings(Float32Array.from(d), [23, 19])).concat(MEAN_REACH, ENDS_REACH)",
+        d=disparity.ravel().tolist(),
+    )
+    mean_reach, ends_reach = around[-2:]
+    around = np.reshape(around[:-2], (19, 23, 4))
+    for row, column in np.ndindex(19, 23):
+        mean, ends = (
+            disparity[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]
+            for reach in (mean_reach, ends_reach)
+        )
+        # Means along one axis after the other are those of the window, since all its lines are cut alike.
+        assert around[row, column] == pytest.approx([mean.mean(), ends.min(), ends.max(), 0], abs=1e-5)

@@ -3,18 +3,23 @@
 import base64
 import dataclasses
 import io
+import math
 import re
 
 import numpy as np
 import pytest
 import torch
 
+from lfref import encoding
 from lfref.functional.psnr import psnr
+from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.report.refocused import Refocused
-from lfref.viewer import view_page
+from lfref.simulator import sim30
+from lfref.simulator.simulate import simulate
+from lfref.viewer import coding, view_page
 from tests.viewer import cases
 
 Image = pytest.importorskip("PIL.Image")
@@ -197,6 +202,31 @@ def test_blur_is_that_of_cells_at_the_disparity_of_each_pixel(opened):
         plain = shift_and_sum(field.views, [slope])
         to_cells, to_plain = (float(psnr(ours, inner(stack[0].double()))) for stack in (cells, plain))
         assert to_cells > max(48, to_plain + 2)
+
+
+def in_8_bits(light):
+    """Light as a screen shows it."""
+    return encoding.SRGB.decode((255 * encoding.SRGB.encode(light.clamp(0, 1))).round() / 255)
+
+
+@pytest.mark.slow
+def test_the_lens_is_within_one_decibel_of_the_operator(browser, tmp_path):
+    scene, slopes = sim30.SCENES["thicket"], (-3.0, -1.0, 0.2, 0.5, 1.0, 3.0)
+    camera = dataclasses.replace(scene.camera, size=(144, 192))
+    simulated = simulate(dataclasses.replace(scene, camera=camera), slopes=slopes)
+    field = LightField(simulated.views.clamp(0, 1), "thicket")
+    shown = Refocused(field, shift_and_sum_through_cells(field.views, slopes), FocalPlanes(slopes))
+    content = view_page.page_content({"cells": shown}, quality=coding.ViewQuality(math.inf, None))
+    view_page.write(tmp_path / "index.html", "thicket", {}, content)
+    tab = browser.new_context(**WIDE).new_page()
+    tab.goto((tmp_path / "index.html").as_uri())
+    tab.wait_for_function("() => drawing !== null")
+    settle(tab)
+    ours = torch.stack([pixels(tab, slope=slope) for slope in slopes])
+    tab.context.close()
+    operator = in_8_bits(shift_and_sum_through_cells(in_8_bits(field.views), slopes))
+    to_truth = [psnr(inner(stack, 12).double(), inner(simulated.truth, 12).double()) for stack in (ours, operator)]
+    assert (to_truth[0] > to_truth[1] - 1).all(), to_truth
 
 
 def test_a_pinhole_shows_a_view_from_any_viewpoint(opened):
@@ -647,3 +677,64 @@ def test_a_gallery_opens_its_pages_and_axe_finds_nothing(browser, tmp_path, widt
 
 def test_a_title_is_no_program(opened):
     assert opened().inner_text("h1") == "A disc <script>alert(1)</script>"
+
+
+@pytest.fixture
+def in_parts(tmp_path, monkeypatch):
+    """A page whose pictures lie in a folder beside it."""
+    monkeypatch.setattr(view_page, "MOST_BYTES", 1000)
+    path = tmp_path / "some page" / "index.html"
+    written = view_page.write(path, "In parts", {}, view_page.page_content(cases.methods()))
+    assert written == [path, path.parent / "index_pictures"]
+    return path
+
+
+def test_a_large_page_loads_its_pictures_from_the_folder_beside_it(browser, in_parts, opened):
+    whole = opened(f"#f={NEAR}&a=2")
+    tab = browser.new_context(**WIDE).new_page()
+    messages = []
+    tab.on("console", lambda message: messages.append(message.text))
+    tab.goto(in_parts.as_uri() + f"#f={NEAR}&a=2")
+    tab.wait_for_function("() => drawing !== null")
+    settle(tab)
+    assert torch.equal(pixels(tab), pixels(whole))
+    tab.locator("#more").click()
+    tab.locator("#show_sharp").check()
+    settle(tab)
+    assert state(tab)["by"] == "sharp"
+    assert messages == []
+    assert len(in_parts.read_text()) < 300_000
+    tab.context.close()
+
+
+def test_a_large_page_says_which_picture_is_missing(browser, in_parts):
+    for picture in (in_parts.parent / "index_pictures").iterdir():
+        picture.unlink()
+    tab = browser.new_context(**WIDE).new_page()
+    tab.goto(in_parts.as_uri())
+    tab.wait_for_function("() => find('status').textContent.includes('is missing')")
+    assert "belongs beside this page" in tab.locator("#status").text_content()
+    tab.wait_for_function("() => stage.dataset.by === 'plane'")  # the first picture is in the page itself
+    tab.context.close()
+
+
+@pytest.mark.parametrize(
+    "lack",
+    [
+        "WebGL2RenderingContext.prototype.getExtension = () => null",
+        "WebGL2RenderingContext.prototype.getError = () => WebGL2RenderingContext.OUT_OF_MEMORY",
+    ],
+)
+def test_the_processor_draws_where_the_graphics_processor_cannot(browser, path, lack):
+    context = browser.new_context(**WIDE)
+    context.add_init_script(lack)
+    tab = context.new_page()
+    errors = []
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    tab.goto(path.as_uri() + f"#f={NEAR}&a=3")
+    tab.wait_for_function("() => drawing !== null")
+    settle(tab)
+    assert tab.locator("#live").get_attribute("data-by") == "canvas"
+    assert pixels(tab).mean() > 0.1
+    assert errors == []
+    context.close()

@@ -154,7 +154,7 @@ def _sampled(views: Tensor, aperture: Tensor) -> _Sample:
         energy[:, 0] / views.shape[-3:].numel(),
     )
     if not bool(sample.spectra.isfinite().all()):
-        raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give disparities")
+        raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file")
     return sample
 
 

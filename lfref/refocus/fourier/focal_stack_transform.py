@@ -106,7 +106,7 @@ def at_slopes(
         raise InputError(
             "the focal stack transform makes evenly spaced planes only",
             got=f"slopes {[round(slope, 4) for slope in values.tolist()]}",
-            remedy="take evenly spaced alphas with planes.convention=parallel, or another operator",
+            remedy="take evenly spaced slopes, or another method",
         )
     return focal_stack_transform(views, len(values), first, last, weights, fill, disparity)
 

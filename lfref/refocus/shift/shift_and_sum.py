@@ -32,7 +32,7 @@ from lfref.refocus import batches, footprint
 from lfref.refocus.focus.slope_range import DisparityRange, scene_range
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.shift import shift_plan, shift_torch
-from lfref.refocus.shift.shift_plan import Plan
+from lfref.refocus.shift.shift_plan import Plan, Window
 
 
 def shift_and_sum(
@@ -45,6 +45,7 @@ def shift_and_sum(
     disparity: float | Tensor = 0.0,
     out: Tensor | None = None,
     positions: Tensor | None = None,
+    window: tuple[slice, slice] | None = None,
 ) -> Tensor:
     """Refocus light fields at the given slopes.
 
@@ -61,14 +62,16 @@ def shift_and_sum(
         out: A stack to write into, contiguous, with the shape, type and device of the result and memory of its own;
             None makes one. Memory that is used again saves about a sixth of the time.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
+        window: Rows and columns of the result that are needed, without steps; None: all. A part takes a part of the
+            time on the CPU, where cells are points.
 
     Returns:
-        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
-        A pixel that no weighted view covers (see `coverage`) is 0.
+        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W], or
+        their window. A pixel that no weighted view covers (see `coverage`) is 0.
 
     Raises:
-        InputError: Views, slopes, weights, cells, positions or names that cannot be used, or a stack that cannot be
-            written into.
+        InputError: Views, slopes, weights, cells, positions, names or a window that cannot be used, or a stack that
+            cannot be written into.
 
     Example:
         >>> views = torch.rand(7, 7, 3, 48, 64)
@@ -79,14 +82,18 @@ def shift_and_sum(
     grid, size = batches.grid_and_size(batch)
     planes, cell = batches.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
     widths = None if cell.varies(planes) else cell.widths(planes).abs().tolist()
-    plan = shift_plan.plan(planes, grid, size, interpolation, border, weights, widths, positions)
+    part = Window(0, 0, *size) if window is None else _checked_window(window, size)
+    summed = Window(0, 0, *size) if cell.fill > 0 else part
+    plan = shift_plan.plan(planes, grid, size, interpolation, border, weights, widths, positions, summed)
     if out is not None:
-        _check_out(out, views, len(planes))
-    room = None if out is None else out.reshape(-1, *out.shape[-4:])
+        _check_out(out, views, len(planes), part)
+    room = None if out is None or summed != part else out.reshape(-1, *out.shape[-4:])
     stack = planned_stack(batch, plan, room)
     if widths is None and cell.fill > 0:
         covered = torch.stack([plan.coverage(shifts) for shifts in plan.planes])
         stack = footprint.blurred(stack, cell.widths(planes), plan.border, covered)
+    if summed != part:
+        stack = part.of(stack)
     if out is None:
         return batches.restored(stack, views)
     return out if stack is room else out.copy_(batches.restored(stack, views))
@@ -146,7 +153,10 @@ def reach(
 
 
 def planned_stack(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tensor:
-    """The stacks [B, N, C, H, W] of light fields [B, V, U, C, H, W]; compiled loops may write them into `room`."""
+    """The plan's window of the stacks [B, N, C, H, W] of light fields [B, V, U, C, H, W].
+
+    Compiled loops compute nothing else, and may write it into `room`.
+    """
     aperture = torch.tensor(plan.aperture)
     views = batches.without_unread(views.reshape(len(views), *aperture.shape, *views.shape[3:]), aperture)
     compiler = batches.compiler_for(views) if plan.interpolation.weights is not None else None
@@ -158,12 +168,23 @@ def planned_stack(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tens
     if compiler == "triton" and plan.is_separable:
         from lfref.refocus.shift import shift_triton
 
-        return shift_triton.shift_and_sum(views, plan)
-    return shift_torch.shift_and_sum(views, plan)
+        return plan.window.of(shift_triton.shift_and_sum(views, plan))
+    return plan.window.of(shift_torch.shift_and_sum(views, plan))
 
 
-def _check_out(out: Tensor, views: Tensor, n_planes: int) -> None:
-    shape, dtype = (*views.shape[:-5], n_planes, *views.shape[-3:]), batches.stack_dtype(views)
+def _checked_window(window: tuple[slice, slice], size: tuple[int, int]) -> Window:
+    """The window as numbers."""
+    ranges = [range(length)[part] for part, length in zip(window, size, strict=True)]
+    if not all(len(each) > 0 and each.step == 1 for each in ranges):
+        got = ", ".join(f"{part.start}:{part.stop}:{part.step}" for part in window)
+        raise InputError(f"a window must have rows and columns of views of {size[0]}x{size[1]}, without steps", got=got)
+    (top, left), (height, width) = (each.start for each in ranges), map(len, ranges)
+    return Window(top, left, height, width)
+
+
+def _check_out(out: Tensor, views: Tensor, n_planes: int, part: Window) -> None:
+    shape = (*views.shape[:-5], n_planes, views.shape[-3], part.height, part.width)
+    dtype = batches.stack_dtype(views)
     if out.shape != shape or out.dtype != dtype or out.device != views.device or not out.is_contiguous():
         got = f"{list(out.shape)}, {out.dtype}{'' if out.is_contiguous() else ', not contiguous'}, on {out.device}"
         raise InputError(f"out must be {list(shape)}, {dtype}, contiguous, on {views.device}", got=got)
@@ -313,9 +334,10 @@ def shift_and_sum_through_cells(
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes = batches.checked_slopes(slopes, grid, size, positions)
+    aperture = None if weights is None else batches.checked_weights(weights, grid)
     stacks = []
     for field in batch:
-        boxes = cell_widths(planes, disparity_range(field.detach(), weights, positions)).clamp(max=min(size)).tolist()
+        boxes = cell_widths(planes, disparity_range(field.detach(), aperture, positions)).clamp(max=min(size)).tolist()
         plan = shift_plan.plan(planes, grid, size, "cubic", weights=weights, widths=boxes, positions=positions)
         stacks.append(planned_stack(field[None], plan))
     # A single one is not copied: that would take a tenth of all the time.

@@ -4,13 +4,22 @@ import csv
 import json
 import re
 
+import pytest
 from matplotlib.image import imread
 
 from lfref.cli import config as configs
 from lfref.simulator import sim30
+from tests.cli.test_bad_input import assert_one_line
 
 NAMES = re.findall(r"remedies\.(\w+):", (configs.directory() / "group" / "causes.yaml").read_text())
 FEW = tuple(f"~remedies.{name}" for name in NAMES[2:])
+
+
+@pytest.mark.parametrize("grids", ["7", "[7,2.5]", "[7,0]"])
+def test_numbers_of_views_that_are_no_list_are_one_line(lfref, tmp_path, grids):
+    line = assert_one_line(*lfref("bench", "group=causes", f"grids={grids}", f"output={tmp_path}/run"))
+    assert "grids must be a list of whole numbers of at least 1; got" in line
+    assert "write grids=[3,5]" in line
 
 
 def test_one_scene_tells_all_causes(lfref, tmp_path):

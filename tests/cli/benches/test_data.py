@@ -5,11 +5,18 @@ import json
 
 from matplotlib.image import imread
 
+from tests.cli.test_bad_input import assert_one_line
+
 WORDS = (
     "bench", "group=data", "scene.camera.size=[64,64]", "patch=16", "patches_per_field=2", "workers=[0,1]",
     "n_stored=1", "n_batches=2", "n_simulated=1", "n_steps=1", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=8",
     "slopes=[-1,0]", "net.n_planes=2",
 )  # fmt: skip
+
+
+def test_workers_that_are_no_list_are_one_line(lfref, tmp_path):
+    line = assert_one_line(*lfref(*WORDS, "workers=2", f"output={tmp_path}/run"))
+    assert "workers must be a list of whole numbers of at least 0; got 2" in line
 
 
 def test_crops_are_counted_by_source_label_and_workers(lfref, tmp_path):

@@ -3,12 +3,21 @@
 import csv
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
+import torch
 from matplotlib.image import imread
 
+import lfref as lfref_package
+from lfref.cli import bench
 from lfref.cli import config as configs
+from lfref.functional.psnr import psnr
+from lfref.io.read import read_stack
+from lfref.lightfield import LightField
+from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.report import answers, crops
 from lfref.report.tables import read_table
 from lfref.simulator import sim30
@@ -35,6 +44,25 @@ def front(lfref, tmp_path):
         return tables(tmp_path / "run"), tmp_path / "run"
 
     return run
+
+
+def test_methods_that_are_null_are_left_out(composed):
+    config = composed("bench", *FEW, "methods.exact_fourier=null")
+    assert [method.name for method in bench._methods(config, torch.device("cpu"))] == ["shift_and_sum"]
+    config = composed("bench", "group=operators", "methods.wiener=null")
+    cases = bench._cases(config, LightField(torch.rand(3, 3, 3, 8, 8)), set())
+    assert "wiener" not in {case.method.name for case in cases}
+
+
+def test_light_fields_of_one_name_are_told_apart(front, lfref, tmp_path):
+    for number, session in enumerate(("morning", "evening")):
+        words = (f"seed={number}", "scene.camera.size=[48,56]", "scene.camera.grid=[3,3]", "outputs=[views]")
+        assert lfref("simulate", *words, f"output={tmp_path}/made")[0] == 0
+        (tmp_path / session).mkdir()
+        (tmp_path / "made" / f"simulated_s{number}_e0_000").rename(tmp_path / session / "first")
+        shutil.rmtree(tmp_path / "made")
+    found, _ = front(f"input=[{tmp_path}/morning/first,{tmp_path}/evening/first]", "margin=8")
+    assert {row["scene"] for row in found["scenes"]} == {"morning_first", "evening_first"}
 
 
 def test_scenes_are_evaluated_by_truth_without_their_sensor_with_it_and_corrected(front):
@@ -98,6 +126,40 @@ def test_the_reference_of_captures_is_exact_refocusing_and_the_log_says_so(lfref
     # One light field is no scatter, and exact_fourier is not drawn against itself.
     assert not (folder / "accuracy_time.png").exists()
     assert "judged by exact_fourier and not by the truth, shift_and_sum has" in (folder / "bench.log").read_text()
+
+
+def test_light_fields_are_evaluated_by_a_truth_that_is_given(lfref, front, tmp_path):
+    words = ("n_fields=2", "scene.camera.size=[64,72]", "planes.alphas=[0.5,1]")
+    assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
+    given, _ = front(f"input={tmp_path}/scenes", f"truth={tmp_path}/scenes/truth", "margin=8")
+    assert {(row["class"], row["reference"]) for row in given["evaluation"]} == {("given", "truth")}
+    for row in given["evaluation"]:
+        truth, planes = read_stack(tmp_path / "scenes" / "truth" / f"{row['scene']}.exr")
+        views = lfref_package.read(tmp_path / "scenes" / row["scene"]).views
+        plane = [round(slope, 3) for slope in planes.slopes.tolist()].index(round(float(row["slope"]), 3))
+        stack = {"shift_and_sum": shift_and_sum, "exact_fourier": exact_fourier}[row["method"]](views, planes.slopes)
+        pair = ((picture[plane][..., 8:-8, 8:-8].double()) for picture in (stack, truth))
+        assert float(row["psnr_db"]) == pytest.approx(float(psnr(*pair)), abs=0.01)
+
+
+def test_a_truth_that_does_not_fit_is_one_clear_line(lfref, tmp_path):
+    words = ("n_fields=2", "scene.camera.size=[64,72]", "planes.alphas=[0.5,2]")
+    assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
+    for number, (more, expected) in enumerate(
+        {
+            (f"truth={tmp_path}/scenes/truth",): "truth must be 2 planes of 64x72, alpha 0.5, alpha 1",
+            (f"truth={next((tmp_path / 'scenes' / 'truth').iterdir())}",): "must be a folder of NAME.exr",
+            (f"truth={tmp_path}/scenes/truth", "thin=2"): "give one of them",
+            (f"truth={tmp_path}/scenes",): "cannot be read",
+            (f"truth={tmp_path}/scenes/truth", "input=null"): "truth belongs to light fields of yours",
+        }.items()
+    ):
+        status, errors = lfref(
+            "bench", *QUICK, *FEW, f"input={tmp_path}/scenes", *more, f"output={tmp_path}/run{number}"
+        )
+        assert status == 1
+        assert expected in errors, more
+        assert "Traceback" not in errors
 
 
 def test_the_reference_of_every_second_view_is_the_integral_over_all(lfref, front, tmp_path):

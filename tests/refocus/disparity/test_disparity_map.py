@@ -258,3 +258,8 @@ def test_where_nothing_hides_anything_there_is_no_order(kind):
     assert depth_order(views, torch.full((40, 48), 0.3), torch.ones(40, 48)) == 0
     assert depth_order(views, disparity, torch.ones(40, 48)) == 0
     assert depth_order(views[..., :12, :12], disparity[:12, :12], torch.ones(12, 12)) == 0
+
+
+def test_twigs_before_a_smooth_sky_are_not_behind_it():
+    views = simulate(sim30.SCENES["twigs"], outputs=("views",)).views
+    assert depth_order(views, *disparity_map(views)) >= 0

@@ -57,7 +57,7 @@ def test_float32_holds_at_full_width_with_many_planes_and_large_slopes():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"n_planes": 0}, "n_planes >= 1"),
+        ({"n_planes": 0}, "whole number of planes"),
         ({"first": float("nan")}, "finite ends"),
         ({"last": 5.0}, "half the"),
     ],

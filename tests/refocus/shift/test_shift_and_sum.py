@@ -137,6 +137,34 @@ def test_a_stack_that_is_there_is_written_into(dtype, options):
         assert torch.equal(out, expected)
 
 
+@pytest.mark.parametrize("options", [{}, {"fill": 1.0}, {"border": "edge"}, {"border": "wrap"}])
+@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic", "exact"])
+@pytest.mark.parametrize(
+    ("rows", "columns"), [((0, 1), (0, 21)), ((3, 17), (5, 6)), ((16, 17), (2, 19)), ((0, 17), (20, 21))]
+)
+def test_a_window_is_that_part_of_the_whole(interpolation, options, rows, columns):
+    window = slice(*rows), slice(*columns)
+    for views in (
+        torch.rand(3, 2, 2, 17, 21),
+        (255 * torch.rand(2, 3, 1, 21, 17)).byte().mT,
+        torch.rand(2, 3, 3, 1, 17, 21),
+    ):
+        whole = shift_and_sum(views, [-2.3, 0.0, 1.7], interpolation, **options)
+        part = shift_and_sum(views, [-2.3, 0.0, 1.7], interpolation, window=window, **options)
+        assert torch.equal(part, whole[..., *window])
+        out = torch.full_like(part, torch.nan, memory_format=torch.contiguous_format)
+        assert shift_and_sum(views, [-2.3, 0.0, 1.7], interpolation, out=out, window=window, **options) is out
+        assert torch.equal(out, part)
+
+
+@pytest.mark.parametrize(
+    "window", [(slice(0, 0), slice(None)), (slice(None), slice(13, 20)), (slice(None, None, 2), slice(None))]
+)
+def test_a_window_beyond_the_views_or_with_steps_is_refused(window):
+    with pytest.raises(InputError, match="a window must have rows and columns of views of 12x13"):
+        shift_and_sum(torch.rand(3, 3, 1, 12, 13), [0.5], window=window)
+
+
 @pytest.mark.parametrize(
     ("out", "message"),
     [
