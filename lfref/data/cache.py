@@ -183,8 +183,10 @@ def _make_room(folder: Path, most_bytes: float, newest: Path) -> None:
             states[entry] = entry.stat()
     size = sum(state.st_size for state in states.values())
     for entry in sorted(states, key=lambda entry: states[entry].st_atime):
-        if size <= most_bytes or entry == newest:
+        if size <= most_bytes:
             return
+        if entry == newest:  # not always the last one: file systems round times of use down
+            continue
         with suppress(OSError):
             entry.unlink()
             size -= states[entry].st_size

@@ -302,18 +302,20 @@ def _crossing(layers: Sequence[Layer], camera: Camera, slope: float) -> list[tup
 def visible_layers(layers: Sequence[Layer], slope: float, windows: Windows) -> tuple[Layer, ...]:
     """Layers that contribute to a plane: neither transparent all over, nor behind a layer that is opaque all over.
 
-    A layer with an edge may still be opaque in the part that this plane sees. A layer that crosses an opaque layer is
-    in front of it somewhere.
+    Only the part that this plane sees of a layer counts. A layer that crosses an opaque layer is in front of it
+    somewhere.
     """
     crossing = _crossing(layers, windows.camera, slope)
-    margin = _margin(layers, windows.camera, slope)
     visible: list[int] = []
     opaque: list[int] = []
     for k in reversed(range(len(layers))):
         if any((k, nearer) not in crossing for nearer in opaque):
             continue
-        is_parallel, bitmap = layers[k].surface.geometry.is_parallel, layers[k].bitmap
-        opacity = (windows.cut(bitmap, margin) if is_parallel else bitmap.samples)[3]
+        opacity = layers[k].bitmap.samples[3]
+        if layers[k].surface.geometry.is_parallel:
+            # Neither other layers nor a mirrored picture change how far rays meet this one.
+            own_margin = _margin([replace(layers[k], reflection=None)], windows.camera, slope)
+            opacity = windows.cut(layers[k].bitmap, own_margin)[3]
         # On the CPU by NumPy: PyTorch's threads would wait for each other where several processes share the cores.
         values = opacity.numpy() if opacity.device.type == "cpu" else opacity
         if float(values.max()) > 0:

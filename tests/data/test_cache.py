@@ -199,6 +199,14 @@ def test_a_full_cache_gives_up_what_was_not_used_for_the_longest_time(store, tmp
     assert len(entries()) == 1  # the newest one stays, however small the limit
 
 
+def test_an_entry_of_the_future_leaves_too(store, tmp_path):
+    folder = tmp_path / "cache"
+    ahead = cache.cached(store("a"), {}, folder).path
+    os.utime(ahead, (ahead.stat().st_mtime + 60, ahead.stat().st_mtime))
+    newest = cache.cached(store("b", seed=1), {}, folder, most_bytes=1).path
+    assert list(folder.glob("*.field")) == [newest]
+
+
 def test_a_cache_folder_that_cannot_be_written_is_one_clear_error(store, tmp_path):
     (tmp_path / "file").write_text("x")
     with pytest.raises(FileError, match=r"^[^\n]*file/cache[^\n]*cannot be written[^\n]*choose another folder$"):

@@ -14,8 +14,9 @@ from lfref.simulator.effects.noise import Noise
 from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.effects.vignetting import Vignetting
-from lfref.simulator.mattes import Disc
-from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.materials import Emissive
+from lfref.simulator.mattes import Disc, Twigs
+from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.simulate import OUTPUTS, PAPER, Simulation, developed, finer, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker, Flat
@@ -92,6 +93,18 @@ def test_planned_equals_forced(scene, sensor, aperture):
 def test_planned_equals_forced_also_in_few_scenes(seed):
     sensor = Sensor(exposure=Exposure(1.0 + seed % 2), noise=Noise(0.001, 1e-4) if seed > 1 else None)
     assert_planned_equals_forced(random_scene(seed, sensor=sensor))
+
+
+def test_a_black_mirror_of_a_hidden_surface_changes_no_layers():
+    """The forced mirror of a transparent surface lies far from focus; twigs outside of the picture stay unseen."""
+    black, white = Flat((0.0, 0.0, 0.0)), Flat((1.0, 1.0, 1.0))
+    surfaces = (
+        Surface(Plane(0.0), black, opacity=0.0),
+        Surface(Plane(1.0, (0.0, 0.0625)), black, opacity=0.0),
+        Surface(Plane(0.0), white, Disc(1.0), Emissive(1.0)),
+        Surface(Plane(0.0), black, Twigs(1.0, 1.0, 0, 0.0, (0.0, 19.0), 0)),
+    )
+    assert_planned_equals_forced(Scene(drawing.CAMERA, surfaces, Light(0.0)))
 
 
 def assert_planned_equals_forced(scene):
