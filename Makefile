@@ -15,7 +15,7 @@ export PYTHONWARNINGS ?= ignore::FutureWarning
 # Material for MkDocs advertises its successor otherwise.
 export NO_MKDOCS_2_WARNING ?= 1
 
-.PHONY: help install demo test figures paper ablations gpu weights lint site quick clean
+.PHONY: help install demo test figures paper ablations gpu weights lint site quick fuzz clean
 
 help:
 	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in two pages"
@@ -27,6 +27,7 @@ help:
 	@echo "make gpu [MINUTES=10]           what needs a GPU: tests, benches, the paper's network; goes on where it was stopped"
 	@echo "make weights                    train the networks that ship again"
 	@echo "make quick                      the tests that take no more than seconds"
+	@echo "make fuzz                       the tests of properties, by examples that are new at each run"
 	@echo "make clean                      remove runs and caches of this checkout"
 
 install: $(VENV)/installed
@@ -106,6 +107,9 @@ test: lint site $(VENV)/checks
 
 quick: install
 	$(BIN)/python -m pytest -n auto -m "not slow"
+
+fuzz: $(VENV)/checks
+	$(BIN)/python -m pytest -n auto -m hypothesis --hypothesis-profile=fuzz
 
 clean:
 	rm -rf runs outputs multirun .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -6,6 +6,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import hypothesis
 import pytest
 import torch
 
@@ -13,6 +14,12 @@ import torch
 # made it thirty times slower. Children of the tests inherit it.
 os.environ["OMP_NUM_THREADS"] = "1"
 torch.set_num_threads(1)
+
+# Hypothesis draws the same examples at each run, so that CI draws those that a change was tested by. `make fuzz` draws
+# new ones.
+hypothesis.settings.register_profile("repeatable", derandomize=True)
+hypothesis.settings.register_profile("fuzz", print_blob=True)
+hypothesis.settings.load_profile("repeatable")
 
 # OpenVINO brings absl, whose log handler closes what was standard error when it was imported if that is another one
 # by then: here pytest's capture.
