@@ -85,7 +85,7 @@ def load(name: str) -> Callable[..., Any]:
 
 
 def load_class(path: str) -> Callable[..., Any]:
-    """The class defined at `module.qualname`, for readers of checkpoints: a package may declare it under another name.
+    """The class defined at `module.qualname`, also if its package declares it by another name, for checkpoints.
 
     Raises:
         InputError: The class is not trusted, or missing.

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -108,10 +109,11 @@ def corner_shift(slopes: Tensor, grid: Sequence[float]) -> float:
     return float(slopes.abs().max()) * (max(grid) - 1) / 2
 
 
-def as_slopes(slopes: Slopes) -> Tensor:
+def as_slopes(slopes: Slopes | float) -> Tensor:
     """Slopes (or one number) as float64 on the CPU, [N]; an InputError unless they are finite numbers."""
     try:
-        values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").detach().reshape(-1)
+        numbers = np.ascontiguousarray(slopes) if isinstance(slopes, np.ndarray) else slopes
+        values = torch.as_tensor(numbers, dtype=torch.float64, device="cpu").detach().reshape(-1)
     except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(
             "slopes must be a list of numbers", got=repr(slopes), remedy="for example [-1,0,0.5]"

@@ -152,15 +152,15 @@ class LoadingBench:
             A row `source, label, labels_on, workers, device, crops_per_s`.
         """
         data = self._data(loading, self.n_batches if loading.source == STORED else self.n_simulated)
-        n_crops, start = 0, 0.0
+        n_crops, start = 0, time.perf_counter()
         for index, batch in enumerate(data.train_dataloader()):
-            if index == first_batches(loading):
-                n_crops, start = 0, time.perf_counter()
             moved = data.transfer_batch_to_device(batch, self.device, 0)
             ready: Any = moved if loading.label == NONE else data.on_after_batch_transfer(moved, 0)
             n_crops += len(ready["patches"] if "patches" in ready else ready["where"])
             if self.device.type == "cuda":
                 torch.cuda.synchronize(self.device)
+            if index + 1 == first_batches(loading):
+                n_crops, start = 0, time.perf_counter()
         crops_per_s = n_crops / (time.perf_counter() - start)
         return vars(loading) | {"device": self.device.type, "crops_per_s": crops_per_s}
 

@@ -71,6 +71,7 @@ def find(field: LightField) -> BlackViewsDefect:
         is_used = field.weight[..., ::4, ::4].flatten(2).amax(2) > 0
     typical = light[is_used].median() if bool(is_used.any()) else light.new_zeros(())
     is_black = is_used & (light < BLACK_VIEW * typical)
+    is_used, is_black = is_used.cpu(), is_black.cpu()
     black_views = tuple((int(v), int(u)) for v, u in is_black.nonzero())
     # Black corners of the other views that have four of them.
     limit = BLACK * light[..., None, None, None]
@@ -81,7 +82,7 @@ def find(field: LightField) -> BlackViewsDefect:
     corners = torch.zeros(*field.grid, *field.size, dtype=torch.bool)
     for (rows, columns), box in zip(TURNS, boxes, strict=True):
         where = (..., _side(box.shape[2], rows), _side(box.shape[3], columns))
-        corners[where] = _turned(box & has_all[..., None, None].cpu(), rows, columns)
+        corners[where] = _turned(box & has_all[..., None, None], rows, columns)
     return BlackViewsDefect(black_views, corners[:, :, None])
 
 

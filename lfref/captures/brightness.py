@@ -33,7 +33,7 @@ SURE = 6.0  # standard errors from which a gain is certain, by trial
 SHOWN = 0.02  # logarithm of a gain that shows: scenes without a defect, but with much occlusion, have up to .016
 LEAST = 0.004  # least logarithm of a gain that is corrected if another shows: half a level of 8 bits at 1/2
 CLEAR = 1.5  # least share of the scatter of windows that shows: occlusion and gloss look like gains of up to .8 of it
-LIKELY = 0.5  # the same of a gain beside one that shows, by trial
+LIKELY = 0.5  # least share of the scatter of any other gain, once one shows, by trial
 LARGEST = 1.5  # logarithm, by trial: a view with less than a fifth of the light has another defect
 TILES = 5  # number along a side, by trial: tiles are larger than highlights and edges: errors are about independent
 
@@ -212,5 +212,5 @@ def levels(ratios: Ratios) -> tuple[Tensor, Tensor, Tensor]:
     row_tiles, column_tiles = torch.arange(rows) * TILES // rows, torch.arange(columns) * TILES // columns
     tiles = (row_tiles[:, None] * TILES + column_tiles).flatten()
     pulls = torch.zeros(*level.shape[:3], TILES**2).to(level)
-    pulls.index_add_(3, tiles, weight * (ratios.log - level))
+    pulls.index_add_(3, tiles.to(pulls.device), weight * (ratios.log - level))
     return level[..., 0], (pulls / total).square().sum(3).sqrt(), scale[..., 0] / 2

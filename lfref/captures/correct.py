@@ -443,7 +443,7 @@ def packed(value: Any) -> Any:
         return value
     entry: dict[str, Any] = {"shape": tuple(value.shape), "type": str(value.dtype).removeprefix("torch.")}
     if value.is_floating_point():
-        rest = value.flatten(0, 1).float().clamp_(LEAST_PACKED, MOST_PACKED).sqrt_().mul_(2)
+        rest = value.flatten(0, 1).float().clamp(LEAST_PACKED, MOST_PACKED).sqrt_().mul_(2)
         levels = []
         for shape, step in _levels(value.shape):
             means = rest.mean(0, keepdim=True) if shape[0] == 1 else rest

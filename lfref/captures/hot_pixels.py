@@ -36,7 +36,7 @@ FEW = 3  # samples, by trial: so few may be chance
 RARE = 0.01  # share of the candidates, by trial: so few may be detail, whatever they look like
 SPOILT = 0.15  # share of the height from which samples beside a hot one count as spoilt by it, by trial
 SHARED = 0.15  # share of the height, by trial: another colour that sticks out by less records another spot
-ALIKE = 0.08  # of the height: half of the least that a mosaic (Malvar's) spreads a hot colour farther than the others
+ALIKE = 0.08  # share of the height: half of the least by which Malvar's kernels spread a hot colour farther than others
 ROUGH = 0.3  # standard deviations of the surroundings, by trial, by which a spread may err
 CLIPPED = 0.98  # share of the brightest sample, by trial: compression changes clipped samples a little
 BESIDE = 1  # pixels per view step that disparities may lie beyond those of the map, by trial
@@ -152,13 +152,13 @@ def _higher_than(limit: float, images: NDArray, channel: int) -> tuple[Tensor, T
 
 
 def _patches(views: Tensor, samples: Tensor) -> Tensor:
-    """Surroundings of samples, edges repeated, [K, 2 REACH + 1, 2 REACH + 1]."""
+    """Surroundings of samples, edges repeated, on the CPU, [K, 2 REACH + 1, 2 REACH + 1]."""
     v, u, c, y, x = samples.unbind(1)
     around = torch.arange(-REACH, REACH + 1)
     rows = (y[:, None] + around).clamp(0, views.shape[-2] - 1)
     columns = (x[:, None] + around).clamp(0, views.shape[-1] - 1)
     v, u, c = (index[:, None, None] for index in (v, u, c))
-    return views[v, u, c, rows[:, :, None], columns[:, None, :]]
+    return views[v, u, c, rows[:, :, None], columns[:, None, :]].cpu()
 
 
 def _disparity_of(samples: Tensor, disparity: Tensor, steps: Tensor) -> Tensor:

@@ -186,9 +186,11 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
     """
     view = central_view(field)
     corrections = estimate_and_correct(field, white, view)[1]
+    ordered = field
     if ViewOrderDefect.name in corrections.active:
-        view = central_view(corrections[ViewOrderDefect.name].corrected(field))
-    central = field.views[view.reference].flatten()
+        ordered = corrections[ViewOrderDefect.name].corrected(field)
+        view = central_view(ordered)
+    central = ordered.views[view.reference].flatten()
     # About 50,000 samples, by trial: the median need not be exact.
     median = central[:: max(1, central.numel() // 50_000)].float().nan_to_num().median()
     return Inspection(

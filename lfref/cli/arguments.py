@@ -6,12 +6,16 @@ takes a run folder; `+sweep=NAME` names a file of ablations. Habits of other pro
 """
 
 import argparse
+import os
 import re
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hydra.core.override_parser.types import Quote, QuotedString
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override, Quote, QuotedString
+from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
@@ -58,7 +62,11 @@ SHORTHANDS = {
 LISTS = "slopes", "alphas"
 """Shorthands for lists of numbers, whose brackets may be left out."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?")
+BRACE = "\\${"
+"""What stands for `${` in a value, so that nothing is interpolated."""
 BEGINNINGS = ("/", "./", "../", "~/")
+TEXTS = "input", "output", "resume", "run", "checkpoint", "truth", "white", "correct", "title"
+"""Keys whose values are paths or text: what Hydra cannot read of them is quoted."""
 REFUSED = (["--config-path", "-cp"], ["--config-name", "-cn"], ["--experimental-rerun"])
 """Options of Hydra that replace our configuration; the last one unpickles a file."""
 HYDRA = (
@@ -77,8 +85,14 @@ def rewritten(command: str, words: list[str]) -> list[str]:
     end = words.index("--") if "--" in words else len(words)
     parsed = options(command, _as_overrides(command, words[:end]))
     paths = [] if parsed["shell_completion"] else [word for word in parsed["overrides"] if _is_path(word)]
+    if len(given := [key for key in LISTS if any(word.startswith(f"{key}=") for word in parsed["overrides"])]) > 1:
+        raise InputError("planes must be given once", got=" and ".join(given), remedy="leave one of them out")
+    keys = (*texts.defaults(command), *SHORTHANDS)
+    if behind := next((word for word in words[end + 1 :] if word.partition("=")[0] in keys and not exists(word)), None):
+        raise InputError("only paths may stand behind --", got=repr(behind), remedy="write options before it")
     overrides: list[str] = []
     for word in parsed["overrides"]:
+        word = _readable(word, parsed["multirun"])
         overrides += [] if word in paths else _expanded(command, word, overrides, parsed["multirun"])
     return [*as_words(parsed), *_inputs(command, [*paths, *words[end + 1 :]]), *overrides]
 
@@ -143,15 +157,53 @@ def as_words(options: dict[str, Any]) -> list[str]:
     return [part for option, value in active.items() for part in ([option] if value is True else [option, value])]
 
 
+def parsed(words: Iterable[str]) -> list[Override]:
+    """Overrides as Hydra reads them.
+
+    Raises:
+        InputError: It cannot read one of them.
+    """
+    parser, overrides = OverridesParser.create(), []
+    for word in words:
+        try:
+            overrides.append(parser.parse_override(word))
+        except HydraException as error:
+            key, _, value = word.partition("=")
+            remedy = f"""put the value in quotes, and the word in others: '{key}="{value}"'"""
+            raise InputError(f"{key} must have a value that Hydra can read", got=value, remedy=remedy) from error
+    return overrides
+
+
+def _readable(word: str, is_multirun: bool) -> str:
+    """An override whose value is a path or text, quoted if Hydra cannot read it or takes it for several values."""
+    key, _, value = word.partition("=")
+    if key not in TEXTS:
+        return word
+    if value.startswith("~/"):  # not every shell expands it there
+        return _readable(f"{key}={os.path.expanduser(value)}", is_multirun)  # noqa: PTH111
+    try:
+        override = OverridesParser.create().parse_override(word)
+        if is_multirun or not override.is_sweep_override():
+            return word
+    except HydraException:
+        pass
+    return f"{key}={QuotedString(value.replace('${', BRACE), Quote.single).with_quotes()}"
+
+
+def exists(path: str | Path) -> bool:
+    """Whether a path exists. `Path.exists` raises where a word is too long for a name."""
+    return os.path.exists(path)  # noqa: PTH110
+
+
 def _is_path(word: str) -> bool:
-    return word.startswith(BEGINNINGS) or ("=" not in word and word[:1] != "~") or Path(word).exists()
+    return word.startswith(BEGINNINGS) or ("=" not in word and word[:1] != "~") or exists(word)
 
 
 def _inputs(command: str, paths: list[str]) -> list[str]:
     """Paths as an override, quoted so that Hydra interprets none of their characters."""
     if paths and command not in INPUTS:
         raise InputError("arguments of this command must be written KEY=VALUE", got=repr(paths[0]))
-    quoted = [QuotedString(path.replace("${", "\\${"), Quote.single).with_quotes() for path in paths]
+    quoted = [QuotedString(path.replace("${", BRACE), Quote.single).with_quotes() for path in paths]
     value = quoted[0] if len(quoted) == 1 else f"[{','.join(quoted)}]"
     return [f"{INPUTS[command]}={value}"] if paths else []
 

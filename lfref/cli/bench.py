@@ -90,9 +90,9 @@ def configured_rounds(config: DictConfig, counted: str = "repeats") -> Rounds:
 
 
 def whole_numbers(config: DictConfig, key: str, least: int) -> list[int]:
-    """The list of whole numbers `config[key]`; refused if it is no list, or if one of them is below `least`."""
+    """The list of whole numbers `config[key]`; refused if it is no list, empty, or if one of them is below `least`."""
     values = configs.plain(config[key])
-    if not isinstance(values, list) or not all(type(value) is int and value >= least for value in values):
+    if not isinstance(values, list) or not values or not all(type(value) is int and value >= least for value in values):
         expected = f"{key} must be a list of whole numbers of at least {least}"
         raise InputError(expected, got=values, remedy=f"write {key}=[3,5]")
     return values
@@ -310,7 +310,7 @@ def _scene_cases(
     config: DictConfig, planes: FocalPlanes, device: torch.device, only: str | None = None
 ) -> Iterator[EvaluationCase]:
     """The cases of all scenes, or of the scene of this name; they are rendered when they are asked for."""
-    # Sets of planes are drawn from other seeds, so that no network has been trained on these scenes.
+    # `lfref prepare` and trainings draw from other seeds: no network has been trained on these scenes.
     held_out: RandomScenes = configs.build(config.held_out)
     varied = [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
     common = [*test_scenes(config.test_scenes, "1").values(), *varied]

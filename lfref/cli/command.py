@@ -20,7 +20,7 @@ from omegaconf import DictConfig, open_dict
 
 from lfref.cli import composition, parts, resume
 from lfref.cli import config as configs
-from lfref.cli.exit_codes import exit_line_on_signals, fail, patient_pipes
+from lfref.cli.exit_codes import Stopped, exit_line_on_signals, fail, patient_pipes
 from lfref.cli.run_folder import is_first_process, marked
 from lfref.errors import InputError, LfrefError, first_line
 from lfref.io import run as runs
@@ -69,6 +69,12 @@ def command(
                         runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
                     task(config, folder)
             return result(config, folder) if resume.is_sweep_job() else None
+        except Stopped as stopped:
+            # Training adds its checkpoint itself; a sweep goes on by its own command.
+            goes_on = "resume" in config and name != "train" and not resume.is_sweep_job()
+            if goes_on and (folder / runs.OVERRIDES).is_file():
+                stopped.add_note(f"go on by lfref {name} resume={folder}")
+            raise
         except Exception as error:
             if resume.is_sweep_job():
                 resume.record_failure(error)

@@ -21,7 +21,6 @@ from typing import Any
 from hydra import initialize_config_dir
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.global_hydra import GlobalHydra
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, Quote, QuotedString
 from hydra.experimental.callback import Callback
 from hydra.types import RunMode
@@ -307,11 +306,14 @@ def check_composition(
     search = [] if folder is None else [f"hydra.searchpath=[{quoted}]"]
     overrides: list[Override] = []
     try:
-        overrides = OverridesParser.create().parse_overrides(list(words))
+        overrides = arguments.parsed(words)
         for override in overrides:  # before Hydra imports packages that stand in a search path
             if "searchpath" in override.key_or_group:
                 remedy = "give --config-dir FOLDER"
                 raise InputError("hydra.searchpath must be left out", got=override.input_line, remedy=remedy)
+            if override.key_or_group == "output" and override.value() in (None, ""):
+                expected, remedy = "output must name a folder", "leave it out for a new folder"
+                raise InputError(expected, got=override.value() or "nothing", remedy=remedy)
         groups = [item for item in overrides if loader.get_group_options(item.key_or_group, overrides=search)]
         values = [item for item in overrides if item not in groups and not item.is_hydra_override()]
         added = [item for item in groups if item.is_add() and not item.is_hydra_override()]
@@ -334,7 +336,7 @@ def check_composition(
         check(whole.hydra)
         return whole
     except Exception as error:  # whatever it is, it is about the configuration
-        exit_codes.fail(command, _explanation(loader, overrides, error), status=2)
+        exit_codes.fail(command, _explanation(loader, overrides, error, search), status=2)
 
 
 FILES = (
@@ -375,18 +377,18 @@ def pattern_folder(path: Path) -> Path | None:
 
     Folders that exist may have brackets or stars in their own names: only what follows them is a pattern.
     """
-    if path.exists() or not set("*?[") & set(str(path)):
+    if arguments.exists(path) or not set("*?[") & set(str(path)):
         return None
-    return next(parent for parent in path.absolute().parents if parent.exists())
+    return next(parent for parent in path.absolute().parents if arguments.exists(parent))
 
 
-def _explanation(loader: ConfigLoader, overrides: list[Override], error: Exception) -> object:
+def _explanation(loader: ConfigLoader, overrides: list[Override], error: Exception, search: list[str]) -> object:
     """Hydra's message as one line; for a choice that does not exist, the choices."""
     if isinstance(error, LfrefError):
         return error
     for override in overrides:
         group, value = override.key_or_group, override.value()
-        known = loader.get_group_options(group)
+        known = loader.get_group_options(group, overrides=search)
         if known and isinstance(value, str) and value not in known:
             near = _nearest(value, known)
             remedy = f"perhaps {group}={near}" if near else "choices of your own need --config-dir FOLDER"

@@ -27,6 +27,7 @@ from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import answers, comparison, crops, drawing, pictures, plots, tables
 from lfref.report.answers import Answer
+from lfref.report.refocused import mean_of_views
 
 PLANES = "planes.csv"
 """Scores of every plane; a run that goes on leaves out the light fields in this table."""
@@ -66,12 +67,14 @@ def evaluate(config: DictConfig, folder: Path) -> None:
             if stack.shape[-2:] != field.size:
                 expected, got = f"{method} must make pictures of {field.size[0]}x{field.size[1]}", tuple(stack.shape)
                 raise InputError(expected, got=got, remedy="leave it out: labels have the size of the views")
+            if n_lost := int((~stack.isfinite()).flatten(1).any(1).sum()):
+                log.warning("%s has NaN or infinity in %d of %d planes of %s", method, n_lost, len(stack), name)
         return field, stacks, labels_of(name, field)
 
     def write(name: str, result: tuple[LightField, dict[str, Tensor], dict[str, Tensor]]) -> None:
         field, stacks, labels = result
         shown = stacks | {f"label: {label}": stack for label, stack in labels.items()}
-        figure = comparison.comparison(shown, planes, field.views.mean(dim=(0, 1)))
+        figure = comparison.comparison(shown, planes, mean_of_views(field))
         picture = folder / "comparison" / f"{name}.png"
         drawing.save_figure(figure, picture)
         # Rows are written after the picture, so that a killed run leaves no light field in the table without one.
@@ -155,7 +158,7 @@ def _write_crops(
         if method.name in (answer.ours, answer.other)
     }
     plane = int(psnr(stacks[answer.ours], label).argmin())
-    exposure = pictures.common_exposure(field.views.mean(dim=(0, 1)))
+    exposure = pictures.common_exposure(mean_of_views(field))
 
     def shown(picture: Tensor) -> Tensor:
         return torch.tensor(pictures.for_display(picture, exposure)).permute(2, 0, 1)

@@ -302,7 +302,14 @@ def argument_names(name: str) -> list[str]:
         for node in ast.parse(source.read_text(encoding="utf-8")).body:
             if getattr(node, "name", None) == attribute and (names := _argument_names(node)) is not None:
                 return names
-    return list(inspect.signature(resolve(name)).parameters)
+    part = resolve(name)
+    parameters = inspect.signature(part).parameters
+    names = list(parameters)
+    if inspect.isclass(part) and any(parameter.kind == parameter.VAR_KEYWORD for parameter in parameters.values()):
+        # What a class passes on are arguments of its base classes.
+        for base in part.__mro__[1:-1]:
+            names += [argument for argument in inspect.signature(base).parameters if argument not in names]
+    return names
 
 
 def _argument_names(node: ast.AST) -> list[str] | None:

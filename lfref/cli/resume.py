@@ -7,7 +7,6 @@ finished jobs when rerun, and continue after a failed one, with any launcher.
 
 import json
 import logging
-import os
 import re
 import shutil
 import sys
@@ -192,7 +191,7 @@ def go_on(config: DictConfig, folder: Path) -> bool:
     if is_sweep_job() and (folder / runs.OVERRIDES).is_file():
         config.resume = str(folder)
     if config.resume is not None:
-        if Run.of(config.resume).folder != Path(os.path.abspath(folder)):  # noqa: PTH100  as in `Run.of`
+        if not Run.of(config.resume).is_in(folder):
             expected, remedy = "results go on in the folder of the run", "leave output out"
             raise InputError(expected, got=f"output={folder}", remedy=remedy)
         plain = configs.plain(config)
@@ -222,6 +221,8 @@ def refuse_other(run: Run, config: dict[str, Any], keys: Iterable[str], remedy: 
     kept = run.config
     known = [key for key in keys if key in kept]  # an older version of lfref may not have all keys
     found = [change for key in known for change in _changes(key, kept[key], config.get(key))]
+    given = [name for name in _given_keys() if name.partition(".")[0] in known]
+    found += [change for name in given for change in _added(name, kept, config)]
     # An interpolated value stands in several places: only the first one is named.
     named = {(name.rpartition(".")[2], values): f"{name} ({values})" for name, values in reversed(found)}
     if named:
@@ -239,6 +240,22 @@ def _changes(name: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:
         if _kind(old) != _kind(new):
             yield f"{name}._target_", f"{_short(old)} -> {_short(new)}"
     elif old != new:
+        yield name, f"{_short(old)} -> {_short(new)}"
+
+
+def _given_keys() -> list[str]:
+    """Keys that the command line sets, adds or deletes; those that it takes over from the run are among them."""
+    if not HydraConfig.initialized():
+        return []
+    return [str(word).lstrip("+~").partition("=")[0] for word in HydraConfig.get().overrides.task]
+
+
+def _added(name: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:
+    """Name and values of an entry that only one of two configurations has."""
+    *path, last = name.split(".")
+    for key in [*path, last]:
+        old, new = (node.get(key) if isinstance(node, dict) else None for node in (old, new))
+    if last not in FREE and (old is None) != (new is None):
         yield name, f"{_short(old)} -> {_short(new)}"
 
 

@@ -41,7 +41,7 @@ def make(folder: Path, _: bool = False) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / ".writable").touch()
-        (folder / ".writable").unlink()
+        (folder / ".writable").unlink(missing_ok=True)  # processes of one training do this at the same time
     except OSError as error:
         got = f"{folder} ({error.strerror})"
         raise FileError("output must be a folder that can be written", got=got, remedy="set output=FOLDER") from error
@@ -90,7 +90,7 @@ def unlock() -> None:
         _locks.pop().release()
 
 
-def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None = None) -> None:
+def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None = None, goes_on: bool = False) -> None:
     """Make a folder for a new run.
 
     Args:
@@ -98,6 +98,7 @@ def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None
         overwrite: Delete what an earlier run wrote there; other files stay.
         overrides: Overrides of a training, else None. A folder is also free for a training if an earlier one with the
             same overrides ended there before its first checkpoint.
+        goes_on: Whether the command can go on with a run (`resume`).
 
     Raises:
         FileError: The folder cannot be written, is in use, or holds results; with `overwrite`, it is no run folder, or
@@ -114,6 +115,8 @@ def claim(folder: Path, overwrite: bool = False, overrides: Sequence[str] | None
             remedy = "choose another, or give overwrite=true" if is_run and overrides is None else "choose another"
             if runs.Run(folder).has_checkpoints:
                 remedy = f"choose another, or go on by resume={folder}"
+            elif is_run and goes_on and (folder / runs.OVERRIDES).is_file():
+                remedy = f"go on by resume={folder}, choose another, or give overwrite=true, which deletes its results"
             raise FileError("output must be a new or an empty folder", got=str(folder), remedy=remedy)
     if overwrite and not _is_free(folder):
         try:
@@ -217,11 +220,11 @@ class OutputFolder(Callback):
         resumed = config.get("resume")
         if not is_first_process():
             self._prepare(config, "run", wait_for_first_process)
-        elif resumed is not None and runs.Run.of(resumed).folder == Path(config.hydra.run.dir).absolute():
+        elif resumed is not None and runs.Run.of(resumed).is_in(config.hydra.run.dir):
             self._prepare(config, "run", _reopen)
         else:
             overrides = list(config.hydra.overrides.task) if config.hydra.job.name == "train" else None
-            self._prepare(config, "run", functools.partial(claim, overrides=overrides))
+            self._prepare(config, "run", functools.partial(claim, overrides=overrides, goes_on="resume" in config))
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Make and lock the folder of a sweep, whose jobs have folders of their own."""

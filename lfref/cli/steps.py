@@ -41,8 +41,8 @@ PROGRAM = 1.0e9
 """Bytes that libraries, compiled loops, filters and what is computed of each plane take beside the light field."""
 CORRECTING, REFOCUSING, COMPARING = 2.2, 1.5, 1.8
 """Largest number of copies of the views that a capture needs while it is corrected, refocused by a method that sums
-views, and by one that compares them. `PROGRAM` and the last are the line through the peaks (ru_maxrss) of `lfref view`,
-less its stacks, of 7x7 and 14x14 views of 375x540 pixels with black corners, whose views are filled: 1.21 and 1.83 GB.
+views, and by one that compares them. `PROGRAM` and the last come from a line through two peaks (ru_maxrss) of `lfref
+view`, less its stacks: 1.21 and 1.83 GB for 7x7 and 14x14 views of 375x540 pixels with black corners, which are filled.
 Views without weights take less. The others are upper bounds: correcting the 14x14 views took 1.93 GB, and summing them
 without correction 1.26 GB."""
 PICTURE_SUFFIXES = next(known.suffixes for known in reader.FORMATS if known.name == "eslf")
@@ -209,8 +209,8 @@ def warn_of_memory(field: LightField, planes: Planes, refocusers: Sequence[Refoc
 def process(fields: Mapping[str, Path], steps: Mapping[str, Step], what: str) -> None:
     """Run steps on each light field, under a progress bar; those that fail are named at the end.
 
-    The first step, those between, and the last one run in threads of their own, each on the light field after the one
-    that the next of them works on.
+    The first step, those between, and the last one run in three threads, as on an assembly line: while one light field
+    is written, the next one is computed, and the one after that is read.
 
     Args:
         fields: Name -> path of each light field. If there is only one, its error is raised as it is.

@@ -181,7 +181,7 @@ def log_export(run: Any, checkpoint: LoggedCheckpoint, files: Sequence[Path], al
 
 
 def _use(run: Any, name: str, digest: str) -> None:
-    """Make an artifact an input of the run, so that wandb shows what was exported; a warning if it is not that."""
+    """Make an artifact an input of the run, so that wandb shows what was exported; warn if its digest differs."""
     try:
         used = run.use_artifact(name)
     except Exception as error:  # those of wandb's server have no class in common
@@ -211,7 +211,7 @@ def _kept_id(config: DictConfig) -> str | None:
     """The id of the run that goes on in this folder; a run that is continued in another folder gets a new one."""
     path = Path(config.folder) / ID
     resumed = config.get("resume")
-    is_resumed = resumed is not None and Run.of(resumed).folder == Path(config.folder).absolute()
+    is_resumed = resumed is not None and Run.of(resumed).is_in(config.folder)
     if not (is_resumed and path.is_file()):
         return None
     with atomic.file_errors(path, "read"):

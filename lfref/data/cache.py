@@ -23,7 +23,7 @@ from lfref.captures.correct import AUTO, NONE, correct_by_option
 from lfref.data import stored_fields
 from lfref.data.stored_fields import SUFFIX, StoredCrop, StoredField
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, ownership, view_folders
+from lfref.io import atomic, lytro_files, ownership, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 
@@ -43,6 +43,9 @@ def content_hash(path: Path, folder: Path | None = None) -> str:
     files = view_folders.image_files(path) if path.is_dir() else [path]
     if not files or not all(file.is_file() for file in files):
         raise FileError(f"{path} must be an image file or a folder of images", got="none")
+    if path.suffix.lower() == lytro_files.BARE:
+        with suppress(OSError):  # decoding says what is wrong
+            files.append(lytro_files.frame_record(path).path)
     # The time of the last change of a file's entry (ctime) differs for a copy that keeps the modification time.
     state = [(str(file.absolute()), (at := file.stat()).st_size, at.st_mtime_ns, at.st_ctime_ns) for file in files]
     key, hashes = hashlib.sha256(repr(state).encode()).hexdigest(), _hashes(folder)
@@ -102,8 +105,8 @@ class Reading:
         """Decode a light field."""
         field = reader.read(path, **self.options)
         corrected, _ = correct_by_option(field, self.correct, even_grid_for=EVEN_GRID)
-        if corrected is field:
-            return field
+        if corrected.views is field.views:
+            return corrected
         # Corrected samples are no longer the whole numbers of the file.
         return replace(corrected, metadata={**field.metadata, "bits": "float"})
 

@@ -23,7 +23,7 @@ from lfref.data.prepared import Prepared
 from lfref.errors import InputError, counted
 from lfref.io import read as reader
 from lfref.simulator.scene import Scene
-from lfref.simulator.scenes import RandomScenes, Scenes
+from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
 
 # Splits: the paper's test set, a repeatable split, and a check for leaks. The public lists leak: one test field is in a
 # training list too, and fields of one set recur in another under new names. So held-out fields are recognised by
@@ -100,7 +100,7 @@ class PatchData(LightningDataModule, abc.ABC):
         workers: Threads that prepare batches of stored fields, or processes that simulate scenes; 0: the training
             itself prepares them; `auto`: as many as fit the device, see `loaders.number_of_workers`.
         seed: Seed of order and corners.
-        timeout: Longest time in seconds in which a worker prepares one batch; 0: no limit.
+        timeout: Longest time in seconds in which a worker prepares one batch; 0: no limit. It needs a worker.
         labels_on: Who makes the labels: `loader`, with the batch, or `device`, where the network is; `auto`: a GPU
             does, a processor leaves them to the loader. Rendered labels are always made by the loader.
     """
@@ -148,6 +148,12 @@ class PatchData(LightningDataModule, abc.ABC):
     def setup(self, stage: str) -> None:
         """Open the sources; Lightning calls this in every process."""
         self.train, self.validation = self.sources()
+        if not (len(self.train) and len(self.validation)):
+            expected, got = (
+                "data must have light fields to train on and to hold out",
+                (f"{len(self.train)} and {len(self.validation)}"),
+            )
+            raise InputError(expected, got=got, remedy="look at data.path, or at the sources of your own data")
 
     def train_dataloader(self) -> DataLoader[Batch]:
         """Batches in a new order and with new corners each epoch."""
@@ -211,8 +217,8 @@ class FolderData(PatchData):
         if cache_gb is not None and not cache_gb > 0:
             raise InputError("cache_gb must be above 0, or null for any size", got=cache_gb)
         self.most_bytes = None if cache_gb is None else 1e9 * cache_gb
-        self.path = Path(path)
-        self.validation_path = None if validation_path is None else Path(validation_path)
+        self.path = Path(path).expanduser()
+        self.validation_path = None if validation_path is None else Path(validation_path).expanduser()
         self.validation_share = validation_share
         self.cache_folder = Path(cache_folder).expanduser()
         self.reader = dict(reader or {})
@@ -296,6 +302,10 @@ def _warn(reason: str, paths: Iterable[Path]) -> None:
         log.warning("left out of training, %s: %s", reason, names)
 
 
+HELD_OUT = 1 << 32
+"""Random stream of held-out scenes that are equal for every seed: larger than any seed of a training."""
+
+
 class SimulatedData(PatchData):
     """Patches of simulated scenes: new scenes in every training epoch, and fixed held-out scenes.
 
@@ -324,7 +334,9 @@ class SimulatedData(PatchData):
     ) -> None:
         super().__init__(labels, **options)
         # Held-out scenes have a random stream of their own.
-        held, stream = (scenes, self.seed + 1_000_000) if validation_scenes is None else (validation_scenes, 0)
+        held, stream = (scenes, self.seed + 1_000_000) if validation_scenes is None else (validation_scenes, HELD_OUT)
+        if isinstance(held, Scene | Fixed) and validation_scenes is not None:
+            stream = 0  # the scenes as they are
         # The painted scene must extend far enough for the labels' planes: views and rendered labels share it.
         reach = float(labels.planes.slopes.abs().max()) if isinstance(labels, RenderedLabels) else 0.0
         self.streams = (

@@ -29,7 +29,7 @@ class Labels(abc.ABC):
     """Name of the labels in tables and legends."""
     planes: FocalPlanes
     """The planes of a label."""
-    reads_views: ClassVar[bool]
+    reads_views: ClassVar[bool] = False
     """Whether a label is computed from views alone, so that it can be made wherever they are."""
 
     @abc.abstractmethod

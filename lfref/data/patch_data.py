@@ -17,10 +17,11 @@ from torch.utils.data import Dataset
 
 from lfref.data.field_sources import Field, SimulatedField, Source
 from lfref.data.label_sources import Labels
-from lfref.data.stored_fields import StoredCrop
+from lfref.data.stored_fields import StoredCrop, StoredField
 from lfref.errors import InputError, counted
 from lfref.io import images
 from lfref.lightfield import LightField
+from lfref.refocus import batches
 
 FLAT = 1 / 255
 """Least difference between the brightest and the darkest sample of a patch's views: one 8-bit level."""
@@ -160,6 +161,12 @@ class FieldPatches(Dataset[UnlabelledBatch]):
     def _of_field(self, epoch: int, index: int) -> UnlabelledBatch | None:
         """The patches of one field; None if all drawn patches are flat."""
         field = self.source.field(index, epoch)
+        if not isinstance(field, LightField | StoredField):
+            remedy = 'see "Interface of each part" in docs/extending.md'
+            expected = f"{type(self.source).__name__}.field must return a LightField"
+            raise InputError(expected, got=type(field).__name__, remedy=remedy)
+        if isinstance(field, LightField) and (field.views.dtype != torch.float32 or field.views.requires_grad):
+            field = replace(field, views=batches.radiance(field.views.detach()).float())
         if min(field.size) < self.patch:
             raise InputError(
                 f"light field {field.name} must be at least {self.patch} pixels in both directions",

@@ -38,7 +38,7 @@ from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation, developed, white_picture
 
-VERSION = 12
+VERSION = 13
 """Version of the items of a recipe, to be raised when they change. Sets of earlier versions are prepared anew."""
 NEAR = 0.15
 """Largest distance of planes near focus from a disparity of the scene, in pixels per view step."""
@@ -237,7 +237,7 @@ def _opened(path: Path) -> Iterator[Any]:
     try:
         with safe_open(path, framework="pt", device="cpu") as file:
             yield file
-    except (SafetensorError, OSError, ValueError) as error:
+    except (SafetensorError, OSError, ValueError, TypeError) as error:  # TypeError: other tensors than an item's
         expected, remedy = f"{path} must be planes that lfref prepare wrote", "delete it, and prepare again"
         raise FileError(expected, got=error, remedy=remedy) from error
 
@@ -263,7 +263,7 @@ class Crops(Dataset[PlaneBatch]):
     """Random crops in random orientations, one plane per entry, repeatable by (seed, epoch, place).
 
     Planes of one light field have similar errors, so a batch mixes planes of many light fields. All items must have the
-    same number of planes.
+    same number of planes and the same size.
     """
 
     def __init__(self, paths: Sequence[Path], crop: int, seed: int) -> None:

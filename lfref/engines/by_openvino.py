@@ -96,11 +96,16 @@ def quantise(model: Model, patches: Sequence[Inputs]) -> Model:
 
 
 @own_signal_stack()
-def beside_int8() -> str:
-    """Precision of the parts that are not in int8: bfloat16 if the processor has it."""
+def has_bf16() -> bool:
+    """Whether the processor computes in bfloat16; on others OpenVINO computes in float32, and does not say so."""
     import openvino
 
-    return BF16 if "BF16" in openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES") else FP32
+    return "BF16" in openvino.Core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
+
+
+def beside_int8() -> str:
+    """Precision of the parts that are not in int8: bfloat16 if the processor has it."""
+    return BF16 if has_bf16() else FP32
 
 
 @own_signal_stack()
@@ -127,6 +132,7 @@ PREPARATIONS = {
         functools.partial(prepare, precision=precision),
         (*PACKAGES, "nncf") if precision == INT8 else PACKAGES,
         ("cpu",),
+        is_able=has_bf16 if precision == BF16 else None,
     )
     for precision in (FP32, BF16, INT8)
 }

@@ -64,6 +64,8 @@ class Preparation:
     """Types of devices that it runs on."""
     programs: tuple[str, ...] = ()
     """Programs; one of them must be on the path."""
+    is_able: Callable[[], bool] | None = None
+    """Whether the processor computes in this precision, asked once the packages are there; None: every one does."""
 
     def lacking(self, device: torch.device) -> InputError | None:
         """The error that says what is missing to run on a device of this machine; None if nothing is missing."""
@@ -74,6 +76,9 @@ class Preparation:
             return InputError("this engine needs a package", got=f"no {' and no '.join(absent)}", remedy=remedy)
         if self.programs and not any(map(shutil.which, self.programs)):
             return InputError("this engine needs a C++ compiler", got="none", remedy=f"install {self.programs[0]}")
+        if self.is_able is not None and not self.is_able():
+            expected = "this precision needs a processor that computes in it"
+            return InputError(expected, got="another one", remedy="take fp32")
         return None
 
 

@@ -8,6 +8,7 @@ The module stands apart from the benchmark that compares the engines, since each
 import copy
 import functools
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -104,7 +105,8 @@ def _cuda_graph(workload: EngineWorkload, precision: str) -> NetworkFunction:
             run(*inputs)
     torch.cuda.current_stream(workload.device).wait_stream(stream)
     graph = torch.cuda.CUDAGraph()
-    with torch.cuda.graph(graph):
+    # Graphs record the current device.
+    with torch.cuda.device(workload.device), torch.cuda.graph(graph):
         stack = run(*inputs)
 
     # `run` is bound here: the graph reads its weights at their old addresses, so they must stay in memory.
@@ -129,7 +131,7 @@ def _in_bf16(run: NetworkFunction) -> NetworkFunction:
     return half
 
 
-def _both(function: Callable[..., NetworkFunction], **needs: tuple[str, ...]) -> Mapping[str, Preparation]:
+def _both(function: Callable[..., NetworkFunction], **needs: Any) -> Mapping[str, Preparation]:
     """An engine of PyTorch in float32 and bfloat16."""
     return {
         precision: Preparation(functools.partial(function, precision=precision), **needs) for precision in (FP32, BF16)

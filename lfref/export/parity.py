@@ -101,7 +101,7 @@ def rows(subject: Exportable, runs: Mapping[str, NetworkFunction], cases: Iterab
 
 
 def worst(rows: Iterable[Row], tolerance: Tolerance) -> Row | None:
-    """The row that violates a tolerance most; None if all rows meet it."""
+    """Of the rows that violate a tolerance, the one of the largest error; None if all rows meet it."""
     beyond = [row for row in rows if not _holds(row, tolerance)]
     return max(beyond, key=lambda row: row["max_error"], default=None)
 

@@ -33,7 +33,8 @@ SAMPLES = 1 << 19
 
 def measure(field: LightField) -> tuple[float, float]:
     """Variance per unit of light, a, and in the dark, b; both are 0 if views are too small for a measurement."""
-    # Channels of some evenly spread views; if there are fully weighted views, only of these.
+    # Channels of some evenly spread views; if there are views of which all samples have weight (one in 97 is looked
+    # at), only of these.
     n_rows, n_columns, n_channels, height, width = field.views.shape
     count = max(1, min(n_rows * n_columns, SAMPLES // (n_channels * height * width)))
     candidates = torch.arange(n_rows * n_columns)

@@ -70,6 +70,10 @@ def _decode(path: Path, options: ReadOptions, is_jpeg: bool) -> NDArray:
     if min(image.shape[:2]) < lenslet * (FEWEST_LENSLETS if is_jpeg else 1):
         got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "give an ESLF image, or a folder of views"
         raise FileError(f"{path} must hold lenslets of {lenslet}x{lenslet}", got=got, remedy=remedy)
+    if min(image.shape[:2]) < lenslet * FEWEST_LENSLETS and lenslet == LENSLET:
+        views = " by ".join(str(length // lenslet) for length in image.shape[:2])
+        message = "%s is read as lenslets of %d pixels, which make views of %s pixels; a photograph is no light field"
+        log.warning(message, path, lenslet, views)
     lenslet_search.check_pitch(image, lenslet, path, pattern)
     _check_no_pattern(image, lenslet, path)
     return unpack(image, lenslet)[rows, columns]

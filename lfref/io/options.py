@@ -89,6 +89,8 @@ class ReadOptions:
             )
             if not fits and not (value is None and name not in ("lenslet", "encoding")):
                 raise InputError(f"{name} (reader.{name}) must be {expected}", got=repr(value))
+        if "lenslet" in options and options["lenslet"] < 1:
+            raise InputError("lenslet (reader.lenslet) must be at least 1 pixel", got=options["lenslet"])
         lattice, rotation, pitch = (options.get(name) for name in ("lattice", "rotation", "pitch"))
         if lattice is not None:
             chosen("reader.lattice", lattice, ROW_DISTANCES)

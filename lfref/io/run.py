@@ -56,6 +56,10 @@ class Run:
             raise kind(f"{path} must be a run folder or a checkpoint in one", got=f"no {folder / CONFIG}")
         return cls(folder, place if is_checkpoint else None)
 
+    def is_in(self, folder: str | Path) -> bool:
+        """Whether this is the run of a folder, however its path is written."""
+        return self.folder == Path(os.path.abspath(folder))  # noqa: PTH100  as in `of`
+
     @property
     def name(self) -> str:
         """Name of the folder."""

@@ -13,8 +13,8 @@ explained, the picture is that sum, and nothing is lost. Views lie symmetrically
 the conjugate of g of the opposite one. With g = alpha + i beta for the views on one side, all numbers are real: a view
 pair p reads `2 cos(2 pi d p q)` and `2 sin(2 pi d p q)` of light at disparity d.
 Letters: `n` plane, `d` disparity in pixels per view step, `i j` view, `p` view pair, by its offset from the centre, `k`
-frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope, `t` tap; `N D K I T B` their numbers, and of priors.
-Apart from `wiener_filters`, which solves for the views of both axes together: more unknowns, at more frequencies.
+frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope, `t` tap; `N D K I T` numbers of these, `B` number of
+priors. `wiener_filters` solves for the views of both axes together: for more unknowns, at more frequencies.
 """
 
 from collections.abc import Callable
@@ -121,7 +121,7 @@ def filters(
 
     Args:
         spectrum: Of light.
-        table: Of it.
+        table: Of this spectrum, from `tables`.
         slopes: In pixels per view step, float64, [N].
         shares: Probability of each disparity, together 1, [B, D].
         means: Disparity of what is unexplained, [B].

@@ -85,7 +85,7 @@ def _as_numbers(name: str, values: Any) -> Tensor:
 
 
 def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
-    """Views [B, V, U, C, H, W]; those of weight 0 in the aperture [V, U] become black unless known to be finite."""
+    """Views [B, V, U, C, H, W]; those of weight 0 in the aperture [V, U] become black where they may not be finite."""
     unread = (aperture == 0).nonzero().tolist()
     if not unread or not views.is_floating_point():
         return views
@@ -93,6 +93,17 @@ def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
     if sums and bool(torch.stack(sums).isfinite().all()):
         return views
     return views.masked_fill((aperture == 0).to(views.device)[:, :, None, None, None], 0)
+
+
+def check_finite(views: Tensor, remedy: str = "mend the file") -> None:
+    """Refuse views that hold NaN or infinity.
+
+    Raises:
+        InputError: They do.
+    """
+    # The extremes are NaN if any sample is; `isfinite` of all samples takes two more copies of them.
+    if not all(bool(extreme.isfinite()) for extreme in views.detach().aminmax()):
+        raise InputError("views must be finite", got="NaN or infinity", remedy=remedy)
 
 
 def radiance(views: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ all disparities cannot, and are short near focus, where the aliases show. The st
 2. For each block and each plane near its disparities, solve for the filters of the rows and columns of views
    (`axis_filters`), and take their taps: `SPAN` pixels around the shift of each view.
 3. Filter the views of a block along x, add them up, filter the rows along y, and add these up.
-Apart from `occlusion_aware`, which chooses between these filters and those of the whole field: a loop of its own.
+`occlusion_aware` chooses between these filters and those of the whole field.
 Letters: `B` blocks, `M` items (a block in a plane), `N` planes, `C` channels, `V U` view rows and columns, `D`
 disparities, `T` taps, `y x` row and column of a pixel.
 """
@@ -50,7 +50,8 @@ NEAR, FADE = 1.0, 0.3
 """Distance of a plane from the disparities of a block, in pixels per view step, from which views are filtered alike
 everywhere, and the range before it over which the block's filters fade: blur hides aliases from about 1 on."""
 REACH = (5.0, 7.0)
-"""Pixels between the first and the last that a filter would have to read, from which it fades, and at which it ends."""
+"""Distances in pixels between the first and the last pixel that a filter must read: from the first one on it fades out,
+from the second one on it is not used."""
 FLOOR = 0.05
 """Least power of a pixel, of the mean: what is smooth has hardly any disparity."""
 MOST_DISPARITIES = 1024

@@ -49,7 +49,8 @@ def occlusion_aware(
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W], more than one view.
         slopes: Focus in pixels per view step, [N].
-        weights: Synthetic aperture, >= 0, symmetric about both axes, [V, U]; None weighs all views alike.
+        weights: Synthetic aperture, >= 0, symmetric about both axes, [V, U]; views of weight 0 are read too. None:
+            all views alike.
         disparities: Of each pixel of the central view, in pixels per view step, [..., H, W]; None estimates them.
 
     Returns:

@@ -78,6 +78,7 @@ def separable_wiener(
     stacks = []
     for typed in batch:
         field = batches.radiance(typed)
+        batches.check_finite(field)
         memory.trim_for(field)
         if disparities is not None:
             known = geometry.checked_slopes(disparities, grid, size)

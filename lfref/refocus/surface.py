@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
@@ -109,7 +110,7 @@ def tilt_shift(
         torch.Size([1, 3, 48, 64])
     """
     batches.check(views)
-    start = torch.as_tensor(slope, dtype=torch.float64, device=views.device).reshape(-1, 1, 1)
+    start = geometry.as_slopes(slope).to(views.device)[:, None, None]
     expected = "tilt must be two numbers, slope per pixel along x and y"
     try:
         change = torch.as_tensor(tilt, dtype=torch.float64, device=views.device)

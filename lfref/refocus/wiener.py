@@ -10,7 +10,8 @@ that light of several disparities is mixed. The steps:
 3. Transform the sums and differences of opposite views, some pairs at a time: for these the factors are real.
 4. Add up the spectra times their factors.
 5. Transform back; the inner part of each square is the picture there.
-Apart from `separable_wiener`, whose filters are products: these tell more disparities apart, and take longer.
+Filters of `separable_wiener` are products of rows and columns; these are not: they tell more disparities apart, and
+take longer.
 
 Letters: `B` light fields, `N` planes, `T` squares of a row, `J` all of their pictures, `K` columns of frequencies.
 Source: Levin, Durand, "Linear view synthesis using a dimensionality gap light field prior", 2010.

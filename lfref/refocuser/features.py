@@ -20,11 +20,11 @@ a plane at slope `s`, where `e` is the error scale of its picture `p`, `n` the n
     error_scale noise     log10(e) / 2 + 3/2, log10(n) / 2 + 3/2
 
 The first eight are candidates: the refiner mixes its correction of their differences from `p`, as kernel-predicting
-denoisers do (Bako et al., 2017). These, `inner` and `spread` are in units of the error scale, which is
+denoisers do (Bako et al., 2017). The candidates, `inner` and `spread` are in units of the error scale, which is
 
     e = hypot(mean of |o - p| over a square, n), or 0 where not all views see the pixel,
 
-with `o` the nearer one of `sum` and `cells`, without the one that `p` itself may be. Methods that blur
+where `o` is `sum` or `cells`, whichever is nearer to `p`; if `p` is one of them, `o` is the other. Methods that blur
 each surface by its own distance are nearly exact far from focus, more so than e tells: there, corrections of their
 pictures fade out (`FADE`).
 Letters: `N` planes, `K` channels of features, `C H W` channel, pixel row and column.
@@ -87,9 +87,9 @@ ROUGHNESS = 1.57
 RELIEF_WINDOWS = (9, 33)
 """Pixels along the sides of the squares in which the range of disparities is measured."""
 FADE = (3.0, 4.5)
-"""Distances of a plane from the disparities around a pixel, in pixels per view step, from which corrections of methods
-that blur each surface by its own distance fade, and at which they end. On sim30 these have 70 to 90 dB there, and
-corrections cost up to 17 dB of it."""
+"""Distances of a plane from the disparities around a pixel, in pixels per view step: from the first one on, corrections
+of methods that blur each surface by its own distance fade out; from the second one on there are none. On sim30 these
+methods have 70 to 90 dB there, and corrections would cost up to 17 dB."""
 BY_SURFACE: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
 """Methods that blur each surface by its own distance from the focus."""
 

@@ -33,17 +33,18 @@ def filled(views: Tensor, weight: Tensor) -> Tensor:
         views: Floating point, [..., V, U, C, H, W].
         weight: Trust in each sample, >= 0, in the type of the views, [..., V, U, 1, H, W].
     """
-    needed = TRUSTED * weight.amax((-5, -4), keepdim=True)
+    # Samples of less weight are filled.
+    least = TRUSTED * weight.amax((-5, -4), keepdim=True)
     # Only pixels that have such a sample are computed.
-    is_short = torch.stack([(row < needed[..., 0, :, :, :, :]).flatten(0, -3).any(0) for row in weight.unbind(-5)])
-    y, x = (is_short.any(0) | (needed == 0).flatten(0, -3).any(0)).nonzero(as_tuple=True)
+    is_short = torch.stack([(row < least[..., 0, :, :, :, :]).flatten(0, -3).any(0) for row in weight.unbind(-5)])
+    y, x = (is_short.any(0) | (least == 0).flatten(0, -3).any(0)).nonzero(as_tuple=True)
     if len(y) == 0:
         return views
     result, tiny = views.clone(), torch.finfo(weight.dtype).tiny
     # Some pixels at a time, since several copies of their samples are needed.
     n_at_once = max(1, AT_ONCE // (views.numel() // math.prod(views.shape[-2:])))
     for rows, columns in zip(y.split(n_at_once), x.split(n_at_once), strict=True):
-        trust, limit = weight[..., rows, columns], needed[..., rows, columns]
+        trust, limit = weight[..., rows, columns], least[..., rows, columns]
         samples = torch.where(trust > 0, views[..., rows, columns], 0)  # what has no weight may even be NaN
         mean = (samples * trust).sum((-4, -3), keepdim=True) / trust.sum((-4, -3), keepdim=True).clamp(min=tiny)
         share = (trust / limit.clamp(min=tiny)).clamp(max=1)

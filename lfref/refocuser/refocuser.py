@@ -79,7 +79,7 @@ class Refocuser(abc.ABC):
             return self(light.to(self.device), slopes).to(views.device)
         if not isinstance(light, LightField):
             batches.check(light)
-            return self.stack(light, None, self.slopes(slopes))
+            return self._checked(self.stack(light, None, self.slopes(slopes)), light)
         batches.check(light.views)
         if self.is_linear not in (None, light.is_linear):
             kinds = ["linear light", "samples as files hold them"]
@@ -87,7 +87,15 @@ class Refocuser(abc.ABC):
             remedy = "read it with encoding=none" if light.is_linear else "read it without encoding=none"
             raise InputError(f"{self.name} was trained on {trained}", got=got, remedy=remedy)
         views = light.views if light.weight is None else filling.readable(light.views, light.weight)
-        return self.stack(views, light.weight, self.slopes(slopes), light.positions)
+        return self._checked(self.stack(views, light.weight, self.slopes(slopes), light.positions), views)
+
+    def _checked(self, stack: Any, views: Tensor) -> Tensor:
+        """The stack, if it is one: operators and networks may be a user's own."""
+        if isinstance(stack, Tensor) and stack.ndim >= 4 and stack.shape[:-4] == views.shape[:-5]:
+            return stack
+        expected = f"{self.name} must return a stack [..., N, C, H, W]"
+        got = f"shape {list(stack.shape)}" if isinstance(stack, Tensor) else type(stack).__name__
+        raise InputError(expected, got=got, remedy='see "Interface of each part" in docs/extending.md')
 
     def window(self, light: LightField, slopes: Tensor, rows: slice, columns: slice) -> Tensor:
         """A window of the stack of a light field, [N, C, h, w]; the rest is not computed where the method allows it."""

@@ -64,9 +64,9 @@ def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
 
 def _draw_light(axes: Axes, field: LightField, reference: tuple[int, int]) -> None:
     # Every fourth pixel is enough for a mean.
-    light = field.views[..., ::4, ::4].float().nan_to_num(0, 0, 0).mean((2, 3, 4))
-    if field.weight is not None:
-        light = torch.where(field.weight[..., ::4, ::4].amax((2, 3, 4)) > 0, light, torch.nan)
+    samples = field.views[..., ::4, ::4].float().nan_to_num(0, 0, 0)
+    weight = torch.ones_like(samples) if field.weight is None else field.weight[..., ::4, ::4].expand_as(samples)
+    light = (samples * weight).sum((2, 3, 4)) / weight.sum((2, 3, 4))  # NaN where a view has no weight
     relative = (light / light[reference].clamp(min=1e-6)).cpu().numpy()
     # Black is 0.8 of the central view, unless views are darker: small differences show, and do not look large.
     ends = min(0.8, float(np.nanmin(relative))), max(1.0, float(np.nanmax(relative)))

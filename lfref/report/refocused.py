@@ -63,7 +63,8 @@ def mean_of_views(field: LightField) -> Tensor:
         return field.views.mean(dim=(0, 1))
     weight = field.weight.to(field.views)
     total = weight.sum(dim=(0, 1))
-    return torch.where(total > 0, (field.views * weight).sum(dim=(0, 1)) / total.clamp(min=1e-6), 0.0)
+    light = torch.where(weight > 0, field.views * weight, 0.0)  # samples of weight 0 may be NaN
+    return torch.where(total > 0, light.sum(dim=(0, 1)) / total.clamp(min=1e-6), 0.0)
 
 
 def brightening(field: LightField) -> float:

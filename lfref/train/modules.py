@@ -33,6 +33,8 @@ RESERVED = frozenset({"loss", "mpsnr", "mssim", "gain", *TERMS})
 """Names of the values that validation logs anyway."""
 LOSS, MPSNR_OF_STACK, MSSIM_OF_STACK = "loss", "val/mpsnr", "val/mssim"
 """Names of logged values: `train/loss` and `val/loss`, and the quality of the stacks of validation."""
+TERMS_APART = LOSS, "mpsnr", "mssim"
+"""Names that no term of a loss may have: the total and the metrics are logged by them."""
 METRICS = "metrics."
 """Prefix of the weights of further metrics, such as LPIPS; checkpoints leave them out."""
 
@@ -208,9 +210,14 @@ class Refocusing(Fitting):
         for method in ("terms", "total"):
             if not callable(getattr(self.loss, method, None)):
                 raise _wrong_loss(f"{type(self.loss).__name__} without {method}")
+        if not isinstance(stack, Tensor) or stack.shape != labels.shape:
+            got = f"shape {list(stack.shape)}" if isinstance(stack, Tensor) else type(stack).__name__
+            raise InputError(f"the network must return a stack of the labels' shape {list(labels.shape)}", got=got)
         terms = self.loss.terms(stack, labels)
         if not isinstance(terms, Mapping):
             raise _wrong_loss(f"terms of type {type(terms).__name__}")
+        if reserved := {*TERMS_APART, *self.metric_names} & terms.keys():
+            raise _wrong_loss(f"a term named {', '.join(sorted(reserved))}")
         total = self.loss.total(terms)
         for name, value in {**terms, "total": total}.items():
             if not isinstance(value, Tensor) or value.numel() != 1:
@@ -307,7 +314,7 @@ def plane_names(planes: FocalPlanes) -> list[str]:
 
 def _wrong_loss(got: str) -> InputError:
     expected = "a loss must have terms(stack, labels) -> {name: scalar tensor} and total(terms) -> scalar tensor"
-    return InputError(expected, got=got, remedy='see "What each part owes" in docs/extending.md')
+    return InputError(expected, got=got, remedy='see "Interface of each part" in docs/extending.md')
 
 
 def interval_of(schedule: LRScheduler | None) -> str:

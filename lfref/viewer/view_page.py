@@ -47,6 +47,9 @@ LEAST_SEEN, MOST_CROPPED = 0.5, 0.15
 WINDOW, CENTRAL = 9, 0.35
 """Size of the windows, in pixels, whose texture says what people look at, and the standard deviation of their distance
 from the middle, as a share of the picture's sides."""
+LEAST_MASK = 0.02
+"""Weight of samples that have none, as a share of the largest. Where no view sees a pixel, the lens thereby shows what
+`_views` fills the views with, which continues the scene, and no black corners."""
 BAR_SIZE = 8, 256
 """Height and width of the colour bar in pixels."""
 DISPARITY_STEPS = 65535
@@ -54,7 +57,7 @@ DISPARITY_STEPS = 65535
 
 
 def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[str, Any]) -> list[Path]:
-    """Write the page, all or nothing. Pictures of more than `MOST_BYTES` go into the folder NAME_pictures beside it.
+    """Write the page, all or nothing. Pictures of more than `MOST_BYTES` are written before it, into NAME_pictures.
 
     Args:
         path: HTML file to write.
@@ -321,7 +324,8 @@ def _views(
 
     def mask(n: int) -> str:
         assert field.weight is not None
-        return LOSSLESS.uri(smaller(field.weight.flatten(0, 1)[n] / weights.amax()).permute(1, 2, 0).float().numpy())
+        share = smaller(field.weight.flatten(0, 1)[n] / weights.amax()).clamp(min=LEAST_MASK)
+        return LOSSLESS.uri(share.permute(1, 2, 0).float().numpy())
 
     reference, pictures = _coded_views(cameras, shown, disparity, first, quality.least_db)
     return {

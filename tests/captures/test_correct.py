@@ -21,6 +21,8 @@ from lfref.captures.correct import (
     correct,
     correct_by_option,
     load,
+    packed,
+    unpacked,
 )
 from lfref.captures.hot_pixels import HotPixelsDefect
 from lfref.captures.registration import AlignmentDefect, SpacingDefect
@@ -432,3 +434,11 @@ def test_views_of_any_floating_type_are_corrected(change):
     assert corrections.active == ("exposure",)
     assert corrected.views.dtype == change(darker).dtype
     torch.testing.assert_close(corrected.views.detach().float(), expected.views, atol=0.02, rtol=0)
+
+
+def test_packing_gains_leaves_them_as_they_are():
+    gains = 0.5 + torch.rand(2, 2, 3, 32, 40)
+    before = gains.clone()
+    restored = unpacked(packed(gains))
+    assert torch.equal(gains, before)
+    torch.testing.assert_close(restored, gains, atol=0.02, rtol=0.02)

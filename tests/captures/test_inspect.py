@@ -1,6 +1,7 @@
 """Inspection: the properties of simulated scenes and of the real capture; planes over the range of a scene."""
 
 import json
+from dataclasses import replace
 
 import pytest
 import torch
@@ -12,6 +13,7 @@ from lfref.errors import InputError
 from lfref.geometry import checked_slopes
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
+from lfref.simulator.scene import Camera
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import texture
 
@@ -170,3 +172,10 @@ def test_planes_move_no_view_by_half_its_size(grid, size):
 def test_a_wrong_number_of_planes_is_refused(n):
     with pytest.raises(InputError, match=r"planes\.n must be a whole number of at least 1"):
         AutoPlanes(n)
+
+
+def test_a_transposed_grid_that_is_not_square_is_inspected_in_its_own_order():
+    views = simulate(replace(sim30.SCENES["leaves"], camera=Camera((9, 3), (96, 128))), outputs=["views"]).views
+    inspection = inspect(LightField(views.transpose(0, 1).contiguous()))
+    assert inspection.corrections.active == ("view_order",)
+    assert inspection.median_light == pytest.approx(float(views[4, 1].median()), rel=0.02)

@@ -184,3 +184,36 @@ def test_a_broken_sweep_file_is_one_clear_error(tmp_path, text):
     (tmp_path / "bad.yaml").write_text(text)
     with pytest.raises(InputError, match="must hold parameters"):
         arguments.overrides("bad", tmp_path)
+
+
+def test_a_word_too_long_for_a_file_name_is_no_path():
+    slopes = [round(0.123456 * step, 6) for step in range(60)]
+    assert values([f"slopes={slopes}".replace(" ", "")])["planes.slopes"] == slopes
+
+
+def test_planes_that_are_given_twice_are_refused():
+    with pytest.raises(InputError, match=r"planes must be given once; got slopes and alphas; leave one of them out"):
+        arguments.rewritten("refocus", ["a.exr", "alphas=[0.5]", "slopes=[1]"])
+
+
+def test_an_option_behind_two_hyphens_is_named():
+    expected = r"only paths may stand behind --; got 'slopes=\[0\]'; write options before it"
+    with pytest.raises(InputError, match=expected):
+        arguments.rewritten("refocus", ["--", "-a.exr", "slopes=[0]"])
+
+
+@pytest.mark.parametrize("text", ["-6 ä", "run (2)", "o[6]", "a, b", "k=v,w"])
+def test_paths_that_hydra_cannot_read_are_quoted(text):
+    read = values([f"output={text}", f"truth={text}"])
+    assert read == dict.fromkeys(("output", "truth"), text)
+
+
+def test_a_tilde_is_the_home_folder(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/somebody")
+    assert values(["output=~/runs"]) == {"output": "/home/somebody/runs"}
+
+
+def test_a_value_that_hydra_cannot_read_is_named_with_its_key():
+    expected = r"reader\.pattern must have a value that Hydra can read; got view_\(a; put .*'reader\.pattern="
+    with pytest.raises(InputError, match=expected):
+        arguments.parsed(["device=cpu", "reader.pattern=view_(a"])

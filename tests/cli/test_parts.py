@@ -11,6 +11,7 @@ from omegaconf import OmegaConf
 
 from lfref.cli import config as configs
 from lfref.cli import parts
+from lfref.data.datamodules import FolderData
 from lfref.errors import InputError
 from lfref.simulator.effects.sensor import EFFECTS
 
@@ -324,3 +325,12 @@ def test_metrics_of_pictures_are_allowed_and_those_of_tables_refused(name):
         parts.check({"_target_": target, **more})
         metric.update(*pictures)
         assert bool(torch.as_tensor(metric.compute()).isfinite().all())
+
+
+def test_what_a_class_passes_on_may_be_given_too(monkeypatch):
+    class Own(FolderData):
+        def __init__(self, mine, **options):
+            super().__init__(**options)
+
+    monkeypatch.setattr(parts, "resolve", lambda name: Own)
+    assert {"mine", "path", "cache_gb", "patch", "workers"} <= {*parts.argument_names("own.Own")}

@@ -117,6 +117,20 @@ def test_where_a_version_keeps_the_code_is_no_change(trained):
         resume.refuse_changes(run, before)
 
 
+@pytest.mark.parametrize(
+    ("override", "change"),
+    [
+        ("+scene.sensor.noise={_target_: lfref.simulator.effects.noise.Noise}", "scene.sensor.noise (None -> "),
+        ("~net.activation", "net.activation (softplus -> None)"),
+    ],
+)
+def test_a_setting_that_is_added_or_left_out_is_a_change_too(lfref, trained, override, change):
+    status, error = lfref("train", f"resume={trained}", "trainer.max_epochs=9", override)
+    assert status == 1
+    assert f"run a run must go on with what it was trained on; got {change}" in error
+    assert Run.of(trained).config["trainer"]["max_epochs"] != 9
+
+
 @pytest.mark.slow
 def test_a_refused_change_leaves_the_run_as_it_was_and_a_forced_one_is_taken(lfref, trained):
     before = copy.deepcopy(Run.of(trained).config)

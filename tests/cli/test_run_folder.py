@@ -13,6 +13,7 @@ import torch
 from lfref.cli import run_folder
 from lfref.errors import FileError
 from lfref.io import ownership, write
+from lfref.io.run import write_overrides
 from lfref.lightfield import LightField
 
 
@@ -34,6 +35,13 @@ def test_a_new_and_an_empty_folder_are_free(tmp_path):
     run_folder.claim(tmp_path / "new" / "er")
     run_folder.claim(tmp_path / "new" / "er")
     assert names(tmp_path) == []
+
+
+def test_a_stopped_run_of_several_results_is_told_how_it_goes_on(tmp_path):
+    run(tmp_path / "run", **{"a.exr": "x", ".hydra/overrides.yaml": "[]"})
+    write_overrides(tmp_path / "run", [])
+    with pytest.raises(FileError, match=r"go on by resume=.*/run, choose another, or give overwrite=true, which"):
+        run_folder.claim(tmp_path / "run", goes_on=True)
 
 
 def test_a_folder_with_results_is_refused(tmp_path):
@@ -285,3 +293,10 @@ def test_a_refused_folder_keeps_no_lock_file(tmp_path):
     with pytest.raises(FileError):
         run_folder.claim(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_processes_of_one_training_make_their_folder_at_the_same_time(tmp_path):
+    code = "import sys; from lfref.cli.run_folder import make; from pathlib import Path\n"
+    code += f"for _ in range(1000): make(Path({str(tmp_path)!r}))"
+    processes = [subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE) for _ in range(3)]
+    assert [process.communicate()[1] for process in processes] == 3 * [b""]

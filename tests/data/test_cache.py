@@ -383,3 +383,12 @@ def test_a_folder_that_cannot_be_written_only_costs_time(store, tmp_path):
     cache.content_hash(store(), tmp_path / "file")
     cache.store_hashes(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "x"
+
+
+def test_the_record_beside_a_raw_file_is_a_part_of_its_content(tmp_path):
+    (raw := tmp_path / "IMG_0001__frame.raw").write_bytes(b"samples")
+    hashes = [cache.content_hash(raw)]
+    for record in ('{"image": {}, "devices": {}}', '{"image": {"iso": 80}, "devices": {}}'):
+        (tmp_path / "IMG_0001__frame.json").write_text(record)
+        hashes.append(cache.content_hash(raw))
+    assert len(set(hashes)) == 3

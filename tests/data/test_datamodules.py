@@ -20,7 +20,7 @@ from lfref.io import ownership
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.scene import Camera
-from lfref.simulator.scenes import RandomScenes
+from lfref.simulator.scenes import Fixed, RandomScenes
 
 SCENES = RandomScenes(Camera((3, 3), (16, 18)))
 LABELS = OperatorLabels(OperatorRefocuser("label", shift_and_sum), planes_at_alphas((0.5, 2.0)))
@@ -91,7 +91,11 @@ def test_held_out_scenes_may_be_fixed_ones_the_same_for_every_seed():
     fixed = RandomScenes(Camera((3, 3), (16, 18)), disparities=(0.3, 0.4))
     held = [simulated(seed=seed, validation_scenes=fixed).validation.field(1) for seed in (0, 5)]
     assert torch.equal(held[0].views, held[1].views)
-    assert torch.equal(held[0].views, SimulatedSource(3, 0, fixed).field(1).views)
+    trained = [SimulatedSource(3, 0, fixed).field(index).views for index in range(3)]
+    assert not any(torch.allclose(held[0].views, views, atol=1e-2) for views in trained)
+    scenes = Fixed(tuple(fixed.scene(0, 0, index) for index in range(3)))  # given ones stay as they are
+    kept = simulated(seed=5, validation_scenes=scenes).validation.field(1)
+    assert torch.equal(kept.views, trained[1])
 
 
 def test_workers_render_the_labels_that_the_training_process_would():
@@ -348,3 +352,11 @@ def test_a_training_is_resumed_with_the_light_fields_that_it_began_with(folder_d
         allowed = folder_data(validation_share=0.25, allow_changes=True)
         allowed.setup("fit")
         allowed.load_state_dict(state)
+
+
+@pytest.mark.parametrize(("n_train", "n_held"), [(0, 1), (1, 0)])
+def test_data_of_the_users_own_without_light_fields_are_refused(n_train, n_held):
+    data = simulated(n_fields=1)
+    data.sources = lambda: ([None] * n_train, [None] * n_held)
+    with pytest.raises(InputError, match=rf"light fields to train on and to hold out; got {n_train} and {n_held}"):
+        data.setup("fit")

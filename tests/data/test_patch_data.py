@@ -223,3 +223,30 @@ def test_a_patch_is_flat_below_one_level_of_8_bits():
         samples = StoredCrop("", (255 * views).round().byte(), False, SRGB)
         # One level of dark sRGB is less than one of linear light.
         assert patch_data.Patch(samples, 0, 0, 9, "").is_flat()
+
+
+class OneField:
+    """A source of a user, which may return anything."""
+
+    def __init__(self, field):
+        self.of = field
+
+    def __len__(self):
+        return 1
+
+    def field(self, index, epoch=0):
+        return self.of
+
+
+@pytest.mark.parametrize("of", [None, torch.rand(3, 3, 3, 24, 26)])
+def test_a_source_without_light_fields_is_refused(of):
+    with pytest.raises(InputError, match=rf"OneField\.field must return a LightField; got {type(of).__name__}"):
+        FieldPatches(OneField(of), label_of(shift_and_sum), PATCH, 1, 0)[0, 0]
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.bfloat16, torch.float32])
+def test_a_source_may_hold_numbers_of_any_type(dtype):
+    views = torch.rand(3, 3, 3, 24, 26).to(dtype).requires_grad_()
+    (patch,) = FieldPatches(OneField(LightField(views)), label_of(shift_and_sum), PATCH, 1, 0)[0, 0]["patches"]
+    cropped, label = patch.pair(label_of(shift_and_sum))
+    assert cropped.dtype == label.dtype == torch.float32

@@ -148,3 +148,10 @@ def test_a_checkpoint_without_training_or_damaged_is_no_finished_run(folder):
 )
 def test_a_checkpoint_is_named_after_its_run(tmp_path, path, name):
     assert run_name(tmp_path / path) == name
+
+
+def test_a_run_is_in_its_folder_however_the_path_is_written(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    run = Run.of(folder)
+    assert all(run.is_in(path) for path in (folder, str(folder), ".", f"../{folder.name}", folder / "log" / ".."))
+    assert not run.is_in(folder.parent)

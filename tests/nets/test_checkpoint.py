@@ -229,3 +229,18 @@ def test_a_text_among_the_arguments_is_no_list_of_layers(tmp_path):
     torch.save(state, tmp_path / "net.ckpt")
     again = checkpoint.built(tmp_path / "net.ckpt", OwnNetwork, {"padding": "same"}, state)
     assert torch.equal(again.layer.weight, own.layer.weight)
+
+
+class Listing(torch.nn.Conv2d):
+    """A network of another package, whose arguments may be of any length."""
+
+    def __init__(self, alphas, n_blocks):
+        super().__init__(1, 1, 1)
+
+
+def test_the_arguments_of_a_network_of_another_package_may_be_longer_than_its_weights(tmp_path):
+    state = {checkpoint.PREFIX + name: value for name, value in Listing([], 0).state_dict().items()}
+    torch.save(state, tmp_path / "net.ckpt")
+    arguments = {"alphas": list(range(9)), "n_blocks": 9}
+    built = checkpoint.built(tmp_path / "net.ckpt", Listing, arguments, state)
+    assert torch.equal(built.weight, state["net.weight"])

@@ -151,3 +151,10 @@ def test_bad_arguments_are_refused():
         separable_wiener(views, [0.3], weights=torch.arange(9.0).reshape(3, 3))
     with pytest.raises(InputError, match="less than half"):
         separable_wiener(views, [0.3], disparities=[15.0])
+
+
+def test_a_view_that_is_read_although_its_weight_is_0_must_be_finite():
+    views, weights = torch.rand(3, 3, 1, 24, 26), torch.ones(3, 3)
+    weights[1, 1], views[1, 1, 0, 5, 5] = 0, torch.nan
+    with pytest.raises(InputError, match=r"views must be finite; got NaN or infinity"):
+        separable_wiener(views, [0.3], weights=weights)

@@ -533,3 +533,22 @@ def test_pictures_sharp_everywhere_are_black_only_in_black_corners():
     assert picture.shape == (1, 3, 44, 48)
     assert not picture[..., :4, :4].any()
     assert bool((picture[..., 20:, 20:] > 0).all())
+
+
+@pytest.mark.parametrize(
+    ("output", "got"), [(None, "NoneType"), (np.zeros(3), "ndarray"), (torch.zeros(4, 4), r"shape \[4, 4\]")]
+)
+def test_an_operator_that_returns_no_stack_is_named(output, got):
+    def operator(views, slopes, weights=None):
+        return output
+
+    refocuser = OperatorRefocuser("mine", operator)
+    for light in (torch.rand(3, 3, 3, 8, 9), LightField(torch.rand(3, 3, 3, 8, 9))):
+        with pytest.raises(InputError, match=rf"mine must return a stack \[\.\.\., N, C, H, W\]; got {got}"):
+            refocuser(light, [0.5])
+
+
+def test_slopes_may_be_an_array_in_reverse():
+    views = torch.rand(3, 3, 1, 8, 9)
+    stack = shift_and_sum(views, np.array([0.5, 0.0])[::-1])
+    assert torch.equal(stack, shift_and_sum(views, [0.0, 0.5]))

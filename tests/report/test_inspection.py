@@ -35,6 +35,14 @@ def test_the_sheet_shows_views_disparity_light_and_range():
     assert sum(bar.get_height() for bar in slopes.patches[:80]) == pytest.approx(1, abs=0.05)
 
 
+def test_samples_without_weight_do_not_darken_their_view():
+    views, weight = 0.5 + 0.01 * torch.rand(3, 3, 3, 64, 80), torch.ones(3, 3, 1, 64, 80)
+    views[0, 0, :, :, :40], weight[0, 0, :, :, :40] = 0, 0
+    figure = inspection_sheet(inspect(LightField(views, weight=weight)))
+    (light,) = (axes for axes in figure.axes if axes.get_title().startswith("light"))
+    assert light.images[0].get_array()[0, 0] == pytest.approx(1, abs=0.01)
+
+
 @pytest.mark.parametrize("encoding", ["linear", "srgb"])
 def test_the_sheet_is_as_bright_as_the_pictures_of_lfref_refocus(encoding):
     views = 0.3 * torch.rand(3, 3, 3, 64, 80)

@@ -50,6 +50,8 @@ def test_the_mean_of_views_is_weighted():
     expected[:, 0, 0] = 0
     torch.testing.assert_close(mean, expected)
     torch.testing.assert_close(mean_of_views(LightField(views)), views.mean((0, 1)))
+    views[0, 1] = torch.nan
+    torch.testing.assert_close(mean_of_views(LightField(views, weight=weight)), expected)
 
 
 def dark(encoding=None, bright=0.3, n_clipped=0):

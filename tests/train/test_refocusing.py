@@ -134,6 +134,31 @@ def test_a_loss_of_another_form_is_refused_in_one_line(module, data, loss, got):
     assert len(str(caught.value).splitlines()) == 1
 
 
+@pytest.mark.parametrize("name", ["loss", "mpsnr", "mssim"])
+def test_a_term_with_the_name_of_a_logged_value_is_refused(module, data, name):
+    class Loss(torch.nn.Module):
+        def terms(self, stack, labels):
+            return {name: (stack - labels).abs().mean()}
+
+        def total(self, terms):
+            return terms[name]
+
+    module.loss = Loss()
+    data.setup("fit")
+    with pytest.raises(InputError, match=rf"a loss must have terms.*; got a term named {name}; see"):
+        module.validation_step(next(iter(data.val_dataloader())), 0)
+
+
+@pytest.mark.parametrize(
+    ("output", "got"), [(None, "NoneType"), (torch.zeros(2, 2, 3, 4, 4), r"shape \[2, 2, 3, 4, 4\]")]
+)
+def test_a_network_that_returns_no_stack_is_refused(module, data, output, got):
+    module.net.forward = lambda views, slopes: output
+    data.setup("fit")
+    with pytest.raises(InputError, match=rf"the network must return a stack of the labels' shape \[.*; got {got}"):
+        module.validation_step(next(iter(data.val_dataloader())), 0)
+
+
 def test_a_metric_with_the_name_of_a_logged_value_is_refused(module):
     metrics = {"mssim": PeakSignalNoiseRatio(data_range=1.0)}
     with pytest.raises(InputError, match="mssim"):

@@ -276,6 +276,9 @@ def test_samples_without_weight_leave_no_shadow(browser, tmp_path):
     rows, columns = slice(round(top * 96), round(bottom * 96)), slice(round(left * 128), round(right * 128))
     corner = (..., slice(rows.start, rows.start + 8), slice(columns.start, columns.start + 8))
     assert float((shown[corner] / whole[corner]).mean()) == pytest.approx(1, abs=0.1)
+    # Nor is there any where no view sees a pixel: seen from the side, and through a pinhole.
+    for beside in ({"x": 1.5, "y": 1.5}, {"x": -2, "y": 1, "aperture": 0}):
+        assert float(pixels(tab, slope=0.0, **beside).mean(0).min()) > 0.5 * float(whole.mean(0).min())
     tab.context.close()
 
 

@@ -84,9 +84,7 @@ def grey_views(views: Tensor, aperture: Tensor, positions: Tensor | None = None)
     samples = torch.empty(int(is_read.sum()), *views.shape[-2:])
     for sample, (v, u) in zip(samples, is_read.nonzero().tolist(), strict=True):
         sample.copy_(batches.radiance(views[v, u].detach()).mean(0))
-    # The extremes are NaN if any sample is; `isfinite` of all samples takes two more copies of them.
-    if not all(bool(extreme.isfinite()) for extreme in samples.aminmax()):
-        raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file, or give views weight 0")
+    batches.check_finite(samples, "mend the file, or give views weight 0")
     grid = batches.grid_and_size(views)[0]
     where = (batches.even(grid) if positions is None else batches.checked_positions(positions, grid))[is_read]
     distances = where.square().sum(1)
@@ -95,7 +93,7 @@ def grey_views(views: Tensor, aperture: Tensor, positions: Tensor | None = None)
 
 
 def details(views: GreyViews, slopes: Tensor) -> GreyViews:
-    """Roots of the light less most of what a guided filter keeps of them; slopes [N] cover the scene.
+    """Square roots of the light, minus most of what a guided filter keeps of them; slopes [N] cover the scene.
 
     Roots weigh texture in shadows like texture in the light. Edges shrink but stay sharp: a plain high-pass filter
     would carry them into their neighbourhood. In noise beyond `CONTRAST` there is no finer texture to prefer.
@@ -113,7 +111,7 @@ def details(views: GreyViews, slopes: Tensor) -> GreyViews:
 
 
 def noise(views: GreyViews, slopes: Tensor) -> float:
-    """Standard deviation of what distinguishes views that show the same, slopes [N] covering the scene."""
+    """Standard deviation of the differences of views where they show the same; slopes [N] cover the scene."""
     height = views.samples.shape[1]
     # Every eighth row and every second slope say enough. Rows are counted from both ends: mirrored views must have a
     # mirrored map.

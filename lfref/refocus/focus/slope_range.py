@@ -33,12 +33,13 @@ PIXELS = 25_000
 REACH = 3
 """View steps from the centre that are read: farther views are moved too far by disparities of many pixels."""
 BLACK = 0.15
-"""Share of the reference's mean root of light below which views, and pixels in their corners, show nothing: the edge of
-a black corner stands still, and looks like motion."""
+"""A view, or a pixel in a corner of a view, counts as black if its root of light is below this share of the reference's
+mean: the edge of a black corner stands still, and looks like motion."""
 TRUSTED = 0.5
 """Mean weight of the samples of a reduced pixel from which it is used."""
 EVEN = 0.03
-"""Gain of a view, alike in opposite ones, up to which it may be parallax of smooth shading, and is left."""
+"""Largest gain of a view that is left as it is if the opposite view has the same: parallax of smooth shading looks like
+that."""
 WINDOW = 2
 """Reduced pixels to each side that share one disparity in a fit."""
 SKIRT = 0.05

@@ -53,8 +53,9 @@ CONFUSABLE = 2.5
 """Range of disparities in pixels per view step from which layers confuse light at two disparities, e apart: detail of
 1 / e cycles per pixel, in a row or a column, looks alike at both, and pictures end at about .4 cycles per pixel."""
 RANGES, SHARES_OF_SPREAD = (5.0, 7.0), (0.15, 0.025)
-"""Largest difference of such a picture from the sum of its views, in standard deviations of the views, at two ranges of
-disparities; between them in proportion. By trial, on the scenes `deep` and `apple` of sim30, and `sim30.WIDE`."""
+"""Where layers are confused: the largest difference of a picture from the sum of its views, in standard deviations of
+the views, at two ranges of disparities; between them in proportion. By trial, on the scenes `deep` and `apple` of
+sim30, and `sim30.WIDE`."""
 MOST_LAYERS = 96
 """Largest number of layers that a wide range gets: each layer needs the memory of a picture."""
 STEP = 0.25

@@ -67,7 +67,7 @@ def focal_stack_transform(
     # Spectra of the planes in bands of rows, [B, N, C, h, W // 2 + 1]: the padded sums stay small beside the stack.
     height = 8
     factors = rows[..., None].split(height, dim=-2)
-    shape = (len(batch), n_planes, batch.shape[3])
+    shape = (len(batch), len(slopes), batch.shape[3])
     bands = [rows.new_zeros(*shape, part.shape[-2], len(kx)) for part in factors]
     for v, view_row in enumerate(batches.without_unread(batch, aperture).unbind(1)):
         # One view row at a time: its spectra are all that is held beside the planes.
@@ -75,7 +75,7 @@ def focal_stack_transform(
         weighted = before * aperture[v].to(rows)[:, None, None, None]
         for band, part, factor in zip(bands, spectra.split(height, dim=-2), factors, strict=True):
             padded = torch.fft.fft(part * weighted, n=len(between), dim=1)
-            band.addcmul_(torch.fft.ifft(padded * between, dim=1)[:, :n_planes], factor[:, v, None])
+            band.addcmul_(torch.fft.ifft(padded * between, dim=1)[:, : len(slopes)], factor[:, v, None])
     stack = torch.cat([band.mul_(after) for band in bands], dim=-2)
     # The columns were shifted by one sign of the Nyquist bin. With the rows transformed back, that bin holds a real
     # signal times its factor, so the mean of both signs is the real part, which not every inverse transform takes.

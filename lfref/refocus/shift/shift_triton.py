@@ -2,7 +2,7 @@
 
 A tile's planes read nearly the same samples of the views, so the field comes from memory about once, and from the
 caches after that. Boxes are left to PyTorch. It is kept for GPUs, where PyTorch's operations would read the field once
-for every plane and tap; it has been checked in Triton's interpreter only, and no time was measured on a GPU.
+for every plane and tap. Tests run it on a GPU, and in Triton's interpreter where there is none.
 A file of its own, since Triton is optional.
 Letters: `n` plane, `v u` view row and column, `m` tap, `y x` pixel row and column.
 """

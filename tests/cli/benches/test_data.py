@@ -3,8 +3,11 @@
 import csv
 import json
 
+import torch
 from matplotlib.image import imread
 
+from lfref.bench import data_rates
+from lfref.bench.data_rates import LoadingBench
 from tests.cli.test_bad_input import assert_one_line
 
 WORDS = (
@@ -48,3 +51,34 @@ def test_crops_are_counted_by_source_label_and_workers(lfref, tmp_path):
     assert imread(folder / "data.png").std() > 0.05  # a blank figure has one colour
     assert json.loads((folder / "machine.json").read_text())["patches_per_field"] == 2
     assert not list(folder.glob("tmp*"))
+
+
+def test_no_number_of_workers_is_one_line(lfref, tmp_path):
+    line = assert_one_line(*lfref(*WORDS, "workers=[]", f"output={tmp_path}/run"))
+    assert "workers must be a list of whole numbers of at least 0; got []" in line
+
+
+def test_crops_that_were_prepared_before_the_clock_do_not_count(monkeypatch):
+    """A clock that ticks with each batch which is ready: 3 batches of 4 crops in 3 ticks."""
+    now = [0]
+
+    class Data:
+        def train_dataloader(self):
+            for _ in range(5):
+                now[0] += 1
+                yield {"patches": torch.zeros(4, 1)}
+
+        def transfer_batch_to_device(self, batch, device, number):
+            return batch
+
+        on_after_batch_transfer = staticmethod(lambda batch, number: batch)
+
+    monkeypatch.setattr(data_rates.time, "perf_counter", lambda: float(now[0]))
+    monkeypatch.setattr(data_rates, "first_batches", lambda loading: 2)
+    bench = object.__new__(LoadingBench)
+    object.__setattr__(bench, "device", torch.device("cpu"))
+    monkeypatch.setattr(LoadingBench, "_data", lambda self, loading, n_batches: Data())
+    for name in ("n_batches", "n_simulated"):
+        object.__setattr__(bench, name, 3)
+    loading = data_rates.Loading(data_rates.STORED, data_rates.NONE, "loader", 1)
+    assert bench.rate(loading)["crops_per_s"] == 4

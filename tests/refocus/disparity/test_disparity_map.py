@@ -1,5 +1,6 @@
 """Disparity maps: planes, layers and simulated scenes come back; the estimated range; which sign is nearer."""
 
+import itertools
 import math
 
 import pytest
@@ -263,3 +264,19 @@ def test_where_nothing_hides_anything_there_is_no_order(kind):
 def test_twigs_before_a_smooth_sky_are_not_behind_it():
     views = simulate(sim30.SCENES["twigs"], outputs=("views",)).views
     assert depth_order(views, *disparity_map(views)) >= 0
+
+
+def test_a_light_is_refocused_where_it_is_although_weak_texture_outvotes_it():
+    textured = shifted_views(texture(3, 72, 96), -1.0, (7, 7))
+    y, x = torch.arange(72.0)[:, None], torch.arange(96.0)
+    views = 0.1 + 0.1 * textured.float()
+    for v, u in itertools.product(range(7), repeat=2):
+        distance = (y - 36 + 0.6 * (v - 3)).hypot(x - 48 + 0.6 * (u - 3))
+        views[v, u] += 4 * (5 - distance).clamp(0, 1)
+    far, inside = is_border((72, 96), 8), (y - 36).hypot(x - 48) < 4
+    disparity, voted = coarse_disparity(views), disparity_map(views).disparity
+    assert float((voted[inside] + 0.6).abs().median()) > 0.2
+    assert float((disparity[inside] + 0.6).abs().median()) < 0.06
+    around = (y - 36).hypot(x - 48) < 14
+    assert torch.equal(disparity[~around], voted[~around])
+    assert float((disparity[~around & ~far] + 1).abs().median()) < 0.05

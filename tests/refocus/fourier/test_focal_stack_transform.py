@@ -88,3 +88,8 @@ def test_cells_are_those_of_exact_refocusing(disparity):
     )
     stack = at_slopes(views, slopes, **options)
     torch.testing.assert_close(stack, exact_fourier(views, slopes, **options), atol=1e-12, rtol=0)
+
+
+def test_a_whole_number_of_planes_may_be_a_float():
+    views = torch.rand(2, 2, 1, 8, 9)
+    assert torch.equal(focal_stack_transform(views, 3.0), focal_stack_transform(views, 3))
