@@ -149,11 +149,9 @@ class PatchData(LightningDataModule, abc.ABC):
         """Open the sources; Lightning calls this in every process."""
         self.train, self.validation = self.sources()
         if not (len(self.train) and len(self.validation)):
-            expected, got = (
-                "data must have light fields to train on and to hold out",
-                (f"{len(self.train)} and {len(self.validation)}"),
-            )
-            raise InputError(expected, got=got, remedy="look at data.path, or at the sources of your own data")
+            expected = "data must have light fields to train on and to hold out"
+            remedy = "look at data.path, or at the sources of your own data"
+            raise InputError(expected, got=f"{len(self.train)} and {len(self.validation)}", remedy=remedy)
 
     def train_dataloader(self) -> DataLoader[Batch]:
         """Batches in a new order and with new corners each epoch."""

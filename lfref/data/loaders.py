@@ -166,9 +166,9 @@ def epoch_loader(
     timeout: float = 0.0,
     in_threads: bool = True,
 ) -> DataLoader[Any]:
-    """Batches of a data module, ordered by an `EpochSampler`; `timeout` is in seconds per batch of a
-    worker (0: no limit).
+    """Batches of a data module, ordered by an `EpochSampler`.
 
+    `timeout` is in seconds per batch of a worker (0: no limit).
     Batches are prepared by `workers` threads or processes (see `number_of_workers`); by 0, in the training itself.
     """
     trainer = module.trainer

@@ -110,7 +110,8 @@ def tilt_shift(
         torch.Size([1, 3, 48, 64])
     """
     batches.check(views)
-    start = geometry.as_slopes(slope).to(views.device)[:, None, None]
+    focus = slope if isinstance(slope, Tensor) else geometry.as_slopes(slope)  # a tensor keeps its derivatives
+    start = focus.to(views.device, torch.float64).reshape(-1, 1, 1)
     expected = "tilt must be two numbers, slope per pixel along x and y"
     try:
         change = torch.as_tensor(tilt, dtype=torch.float64, device=views.device)
