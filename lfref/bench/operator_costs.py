@@ -23,8 +23,8 @@ from lfref.bench.accuracy import EXACT
 from lfref.bench.memory import Workload
 from lfref.bench.timing import FFT
 from lfref.errors import InputError
+from lfref.functional.fft_lengths import is_fast
 from lfref.lightfield import LightField
-from lfref.refocus.fourier.exact import is_fast
 from lfref.refocuser.refocuser import Refocuser
 
 KEY = ["method", "input"]

@@ -15,10 +15,10 @@ from torch import Tensor
 from lfref import geometry
 from lfref.data.field_sources import SimulatedField
 from lfref.errors import InputError
+from lfref.functional import fft_lengths
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus import footprint
-from lfref.refocus.fourier import exact
 from lfref.refocuser.refocuser import Refocuser
 
 
@@ -71,7 +71,7 @@ class OperatorLabels(Labels):
 
     def crop_length(self, least: int) -> int:
         """A length at which FFTs are fast, unless the refocuser is local: 240 pixels take half the time of 236."""
-        return least if self.refocuser.is_local else exact.next_fast_even(least)
+        return least if self.refocuser.is_local else fft_lengths.next_fast_even(least)
 
     def __call__(self, field: LightField) -> Tensor:
         """The refocuser's stack, with weighted samples."""

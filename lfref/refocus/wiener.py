@@ -26,7 +26,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.functional import loops, memory
+from lfref.functional import fft_lengths, loops, memory
 from lfref.functional.loops import LANES
 from lfref.geometry import Slopes
 from lfref.refocus import batches
@@ -68,7 +68,7 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior | None = None, weights: T
     planes = geometry.checked_slopes(slopes, grid, size)
     aperture = batches.symmetric_weights(weights, grid)
     # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
-    margin = exact.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
+    margin = fft_lengths.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
     side = _side(margin, size)
     by_loop = batches.compiler_for(batch) == "numba"
     stacks = []
@@ -85,7 +85,7 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior | None = None, weights: T
 
 def _side(margin: int, size: tuple[int, int]) -> int:
     """Side of the squares that take the least work: filters for one of them (about 3 FFTs), and FFTs for all."""
-    sides = (96, 128, 160, 192, 256, 320, 384, 512, exact.next_fast_even(max(size) + 2 * margin))
+    sides = (96, 128, 160, 192, 256, 320, 384, 512, fft_lengths.next_fast_even(max(size) + 2 * margin))
 
     def work(side: int) -> float:
         n_squares = math.prod(math.ceil(length / (side - 2 * margin)) for length in size)

@@ -29,6 +29,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.functional import fft_lengths
 from lfref.refocus.fourier import exact
 
 STEP = 0.12
@@ -145,7 +146,7 @@ def filters(
     """
     # A filter that reaches no farther is known by the frequencies of a square of twice its reach: only these are
     # solved for; larger squares get them by padding in pixels.
-    coarse = min(side, exact.next_fast_even(2 * reach))
+    coarse = min(side, fft_lengths.next_fast_even(2 * reach))
     pairs = opposites(grid)
     n_sums = len(pairs.first)
     for factors in _coarse_filters(prior, slopes, grid, aperture, coarse):

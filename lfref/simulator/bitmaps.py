@@ -77,15 +77,6 @@ def covering(box: Box, period: tuple[int, int]) -> Canvas:
     return Canvas(left, top, (right - left) // 2 * 2 + 2, bottom - top + 1, period)
 
 
-def fast_length(length: float) -> int:
-    """The next even length with a fast Fourier transform: a product of 2, 3 and 5."""
-    candidate = 2 * math.ceil(max(length, 2) / 2)
-    # Every product of 2, 3 and 5 up to 2^60 divides 30^60.
-    while pow(30, 60, candidate):
-        candidate += 2
-    return candidate
-
-
 @dataclass(frozen=True, eq=False)
 class Bitmap:
     """Samples on a canvas, with blurred copies of `FINE` samples per pixel that are computed on first use."""

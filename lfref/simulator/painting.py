@@ -13,6 +13,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from lfref.functional import fft_lengths
 from lfref.simulator import bitmaps, layers, planner
 from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Box, Canvas
 from lfref.simulator.layers import Highlight, Layer, Reflection
@@ -154,8 +155,8 @@ def reachable_canvas(camera: Camera, geometry: Geometry, reach: float, surface: 
 
     # The period decides what random textures look like: it must not depend on the reach.
     left, top, right, bottom = box(0.0)
-    period = bitmaps.fast_length(bottom - top + 1), bitmaps.fast_length(right - left + 1)
-    return bitmaps.covering(box(reach), period)
+    height, width = (fft_lengths.next_fast_even(math.ceil(length + 1)) for length in (bottom - top, right - left))
+    return bitmaps.covering(box(reach), (height, width))
 
 
 def _opaque(canvas: Canvas, colours: Tensor) -> Tensor:

@@ -13,10 +13,10 @@ from lfref.data.patch_data import FieldPatches
 from lfref.data.stored_fields import StoredCrop
 from lfref.encoding import SRGB
 from lfref.errors import InputError
+from lfref.functional import fft_lengths
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
-from lfref.refocus.fourier import exact
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -88,7 +88,7 @@ def test_crops_for_ffts_have_fast_lengths_and_those_for_sums_no_more_than_they_n
     )
     for needed, taken, start, length in zip(local.context.size, periodic.context.size, corner, field.size, strict=True):
         assert needed == min(start, 22) + 192 + min(length - start - 192, 22)
-        assert taken == min(length, exact.next_fast_even(needed))
+        assert taken == min(length, fft_lengths.next_fast_even(needed))
     assert torch.equal(periodic.context.views[..., *periodic.window], local.context.views[..., *local.window])
 
 

@@ -159,7 +159,8 @@ def test_bad_arguments_are_refused(change, message):
         (0.0, (0.1,), "tilt must be two numbers"),
         (0.0, [[0.1, 0.2]], "tilt must be two numbers"),
         (0.0, (0.0, math.inf), "finite"),
-        ([], (0.0, 0.1), "one slope for each pixel"),
+        ([], (0.0, 0.1), "slopes must be finite and at least one"),
+        (["a"], (0.0, 0.1), "slopes must be a list of numbers"),
         (4.0, (0.0, 0.12), "half the height.*at slope 5.08"),
     ],
 )

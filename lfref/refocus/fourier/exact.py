@@ -8,7 +8,6 @@ makes the shifted signal real and the shift the trigonometric interpolation.
 Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `s` slope in pixels per view step.
 """
 
-import itertools
 from collections.abc import Callable
 
 import torch
@@ -57,21 +56,6 @@ def real_at_nyquist(factors: Tensor, frequencies: Tensor) -> Tensor:
 def complex_dtype(dtype: torch.dtype) -> torch.dtype:
     """The complex type that goes with a real one: complex128 for float64, complex64 for all others."""
     return torch.complex128 if dtype == torch.float64 else torch.complex64
-
-
-def is_fast(length: int) -> bool:
-    """Whether FFTs are fast at a length: its only prime factors are 2, 3 and 5."""
-    return pow(30, length.bit_length(), length) == 0
-
-
-def next_fast_length(least: int) -> int:
-    """The smallest length, at least `least`, at which FFTs are fast."""
-    return next(filter(is_fast, itertools.count(least)))
-
-
-def next_fast_even(least: int) -> int:
-    """The smallest even length, at least `least`, at which FFTs are fast."""
-    return 2 * next_fast_length(-(-least // 2))
 
 
 def exact_fourier(

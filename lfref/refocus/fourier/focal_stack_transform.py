@@ -12,6 +12,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.functional import fft_lengths
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
 from lfref.refocus.fourier import exact
@@ -120,7 +121,7 @@ def _chirps(slopes: Tensor, n_views: int, kx: Tensor) -> tuple[Tensor, Tensor, T
     n_planes, frequencies = len(slopes), kx[None, None, :]
     middle, step = (slopes[0] + slopes[-1]) / 2, (slopes[-1] - slopes[0]) / max(n_planes - 1, 1)
     u, j = (geometry.angular_offsets(n)[:, None, None, None] for n in (n_views, n_planes))
-    padded = exact.next_fast_length(n_views + n_planes - 1)
+    padded = fft_lengths.next_fast(n_views + n_planes - 1)
     lag = torch.arange(padded, dtype=torch.float64)[:, None, None, None]
     lag = torch.where(lag < n_planes, lag, lag - padded) + j[0] - u[0]
     return (

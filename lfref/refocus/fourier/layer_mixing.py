@@ -25,7 +25,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError, chosen
-from lfref.functional import loops
+from lfref.functional import fft_lengths, loops
 from lfref.functional.loops import LANES
 from lfref.refocus import batches
 from lfref.refocus.fourier import exact
@@ -140,7 +140,7 @@ def make_frame(border: str, size: tuple[int, int], reach: float) -> Frame:
     room = chosen("border", border, {"edge": int(reach) + SPARE, "wrap": None})
     if room is None:
         return Frame(size, (0, 0), size)
-    height, width = (exact.next_fast_length(length + 2 * room) for length in size)
+    height, width = (fft_lengths.next_fast(length + 2 * room) for length in size)
     return Frame(size, ((height - size[0]) // 2, (width - size[1]) // 2), (height, width))
 
 

@@ -169,21 +169,3 @@ def test_the_phase_at_500_pixels_keeps_its_digits():
     turns -= np.rint(turns)
     expected = np.exp(2j * np.pi * turns.astype(np.float64))
     np.testing.assert_allclose(phases.numpy(), expected, atol=1e-12)
-
-
-def test_fast_lengths_are_the_next_without_large_prime_factors():
-    lengths = [1, 2, 3, 4, 5, 6, 8, 8, 9, 10, 12, 12, 15, 15, 15, 16]
-    assert [exact.next_fast_length(least) for least in range(1, 17)] == lengths
-    assert exact.next_fast_length(103) == 108
-    assert exact.next_fast_length(1025) == 1080
-    assert [n for n in range(1, 17) if exact.is_fast(n)] == sorted(set(lengths))
-
-
-@given(least=st.integers(1, 3000))
-@settings(max_examples=60, deadline=None)
-def test_the_next_fast_even_length_is_the_first_that_is_both(least):
-    found = exact.next_fast_even(least)
-    assert found >= least
-    assert found % 2 == 0
-    assert exact.is_fast(found)
-    assert not [n for n in range(least, found) if n % 2 == 0 and exact.is_fast(n)]

@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from lfref.errors import InputError
+from lfref.functional import fft_lengths
 from lfref.refocus import apertures, batches
-from lfref.refocus.fourier import exact, layer_mixing
+from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.layer_mixing import Matrices
 
 PIXELS = (11, 14)
@@ -121,7 +122,7 @@ def test_edge_frames_have_room_for_the_reach_at_every_side_and_repeat_the_outerm
     frame, pictures = layer_mixing.make_frame("edge", (5, 8), reach), torch.rand(2, 3, 5, 8)
     period = frame.extend(pictures)
     assert period.shape == (2, 3, *frame.period)
-    assert all(exact.is_fast(length) for length in frame.period)
+    assert all(fft_lengths.is_fast(length) for length in frame.period)
     for first, length, whole in zip(frame.first, frame.size, frame.period, strict=True):
         assert first > reach
         assert whole - first - length > reach
