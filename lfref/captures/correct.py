@@ -23,6 +23,7 @@ from lfref.errors import FileError, InputError
 from lfref.functional import memory, noise_line
 from lfref.io import tensor_files
 from lfref.lightfield import LightField
+from lfref.refocus import batches
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import CoarseDisparity, ReducedViews
 
@@ -374,8 +375,7 @@ def _check_white(field: LightField, white: LightField | None) -> None:
 
 def _reason_to_estimate_nothing(field: LightField) -> str:
     """Why this light field allows no estimate at all; empty if it allows some."""
-    # The extremes are NaN if any sample is; `isfinite` of all samples would take three times as long.
-    if not all(bool(extreme.isfinite()) for extreme in field.views.aminmax()):
+    if not batches.is_finite(field.views):
         return "views hold NaN or infinity"
     if field.grid == (1, 1):
         return "a single view cannot be compared"

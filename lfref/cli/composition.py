@@ -406,4 +406,8 @@ def _explanation(loader: ConfigLoader, overrides: list[Override], error: Excepti
     alien = re.search(r"Could not override '([^']+)'.\s+No match in the defaults list", str(error))
     if alien:
         return InputError("every key must be one of this command", got=repr(alien[1]), remedy="--cfg job shows all")
+    unfit = re.search(r"Error merging override ([^=\s]+)=(.*)", str(error))
+    if unfit:
+        expected, remedy = f"{unfit[1]} must have a value of its kind", "--cfg job shows what it holds"
+        return InputError(expected, got=repr(unfit[2].strip()), remedy=remedy)
     return str(error) or error.__cause__

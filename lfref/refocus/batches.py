@@ -95,14 +95,19 @@ def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
     return views.masked_fill((aperture == 0).to(views.device)[:, :, None, None, None], 0)
 
 
+def is_finite(views: Tensor) -> bool:
+    """Whether no sample is NaN or infinite."""
+    # The extremes are NaN if any sample is; `isfinite` of all samples takes two more copies of them.
+    return all(bool(extreme.isfinite()) for extreme in views.detach().aminmax())
+
+
 def check_finite(views: Tensor, remedy: str = "mend the file") -> None:
     """Refuse views that hold NaN or infinity.
 
     Raises:
         InputError: They do.
     """
-    # The extremes are NaN if any sample is; `isfinite` of all samples takes two more copies of them.
-    if not all(bool(extreme.isfinite()) for extreme in views.detach().aminmax()):
+    if not is_finite(views):
         raise InputError("views must be finite", got="NaN or infinity", remedy=remedy)
 
 

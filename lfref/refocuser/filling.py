@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.refocus import batches
 from lfref.refocus.fourier.disparity_layers import disparity_layers
 
 LEAST = 0.05
@@ -59,8 +60,7 @@ def readable(views: Tensor, weight: Tensor) -> Tensor:
         views: Of any type, [..., V, U, C, H, W].
         weight: Trust in each sample, >= 0, [..., V, U, 1, H, W].
     """
-    # The extremes are NaN if any sample is; a mask of all samples takes as much memory as they do.
-    if not views.is_floating_point() or all(bool(extreme.isfinite()) for extreme in views.detach().aminmax()):
+    if not views.is_floating_point() or batches.is_finite(views):
         return views
     return torch.where((weight == 0) & ~views.isfinite(), 0, views)
 

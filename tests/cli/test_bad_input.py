@@ -211,3 +211,26 @@ def test_wandb_without_an_account(tmp_path):
     # wandb writes warnings of its own before.
     assert "logger.wandb.offline=true" in run.stderr.splitlines()[-1]
     assert "Traceback" not in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (
+            ("refocus", "{field}", "output=null"),
+            "output must name a folder; got nothing; leave it out for a new folder",
+        ),
+        (
+            ("view", "{field}", "methods=[shift_and_sum]"),
+            "methods must have a value of its kind; got '[shift_and_sum]'",
+        ),
+        (("refocus", "{field}", "reader.lenslet=0"), "lenslet (reader.lenslet) must be at least 1 pixel; got 0"),
+        (
+            ("refocus", "{field}", "device=(cpu"),
+            "device must have a value that Hydra can read; got (cpu; put the value",
+        ),
+    ],
+)
+def test_values_that_no_command_can_use_are_one_line(lfref, tmp_path, field, words, told, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert told in assert_one_line(*lfref(*(word.format(field=field) for word in words)))
