@@ -36,8 +36,9 @@ BEYOND = 1.0
 """Pixels per view step by which reduced views may widen the range of the spectra: reflections seem farther off."""
 LARGE = 256
 """Pixels along the shorter side from which views of half the size still show where edges are."""
-LIGHT = 4.0
-"""Light of the central view, in means of the picture, from which a pixel belongs to a light."""
+LIGHT, SURROUNDINGS = 4.0, 65
+"""How many times a pixel of a light is as bright as the mean of the square around it, and the side of that square in
+pixels: a large bright surface is no light."""
 AROUND_LIGHTS, SHARP = 9, 7
 """Sides of squares in pixels: how far around a light its edge is read, and in which the differences of views are
 averaged; by trial on random scenes with lights."""
@@ -146,7 +147,8 @@ def _at_lights(field: Tensor, disparity: Tensor, first: float, last: float) -> T
     """
     rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in field.shape[:2])
     middle = field[rows, columns].mean((0, 1, 2))
-    is_light = neighbours.box_max((middle > LIGHT * middle.mean()).to(field)[None], AROUND_LIGHTS)[0] > 0
+    is_light = middle > LIGHT * neighbours.box_mean(middle[None], SURROUNDINGS)[0]
+    is_light = neighbours.box_max(is_light.to(field)[None], AROUND_LIGHTS)[0] > 0
     if not bool(is_light.any()):
         return disparity
     grey, slopes = field.mean(2, keepdim=True), matching.slopes_between(first, last)

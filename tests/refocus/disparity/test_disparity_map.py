@@ -280,3 +280,9 @@ def test_a_light_is_refocused_where_it_is_although_weak_texture_outvotes_it():
     around = (y - 36).hypot(x - 48) < 14
     assert torch.equal(disparity[~around], voted[~around])
     assert float((disparity[~around & ~far] + 1).abs().median()) < 0.05
+
+
+def test_a_large_bright_surface_is_no_light():
+    views = 0.05 + 0.1 * shifted_views(texture(3, 72, 96), -1.0, (5, 5)).float()
+    views[..., 20:, :] *= 9
+    assert torch.equal(coarse_disparity(views), disparity_map(views).disparity)
