@@ -1,7 +1,7 @@
 """A GPU that is none: tensors that say they lie on `cuda:0`, compute on the CPU, and refuse what a GPU would refuse.
 
-`on_gpu(tensor)` makes one, for code within `with WithGpu()`. Mixing it with a tensor of the CPU that has dimensions and
-`numpy()` of it, are errors, as they are on a GPU. The module patches PyTorch: use it in a process of its own.
+`on_gpu(tensor)` makes one, for code within `with WithGpu()`. Mixing it with a tensor of the CPU that has dimensions,
+and calling `numpy()` on it, are errors, as on a GPU. The module patches PyTorch: use it in a process of its own.
 """
 
 from typing import Any

@@ -214,7 +214,7 @@ def test_wandb_without_an_account(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (
             ("refocus", "{field}", "output=null"),
@@ -231,6 +231,6 @@ def test_wandb_without_an_account(tmp_path):
         ),
     ],
 )
-def test_values_that_no_command_can_use_are_one_line(lfref, tmp_path, field, words, told, monkeypatch):
+def test_values_that_no_command_can_use_are_one_line(lfref, tmp_path, field, words, message, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert told in assert_one_line(*lfref(*(word.format(field=field) for word in words)))
+    assert message in assert_one_line(*lfref(*(word.format(field=field) for word in words)))

@@ -2,8 +2,8 @@
 
 `disparity_map`: the range of disparities (`estimate_range`), the cost volume over slopes within it (`cost_volume`),
 semi-global matching and refinement between the slopes (`matching`). `coarse_disparity` does the same at half the size:
-a quarter of the time, enough to know where edges are. It is what methods refocus by, and follows light where that is
-much brighter than the picture.
+a quarter of the time, enough to know where edges are. Methods refocus by it. Around small lights it holds the disparity
+of the light.
 `depth_order`: what hides is in front of what is hidden. Cameras counted in our order see near points move against
 their own way, d falls with nearness; where both axes of the views are reversed it rises. Next to the edge of a surface
 in front, half of the views of a line see what the other half does not: that half agrees at the disparity of what is
@@ -110,9 +110,9 @@ def disparity_map(
 
 @torch.no_grad()
 def coarse_disparity(field: Tensor, first: float | None = None, last: float | None = None) -> Tensor:
-    """Disparity by which pictures are refocused, of each pixel of the central view.
+    """Disparity of each pixel of the central view, for refocusing.
 
-    That of `disparity_map`, but around lights; in large views the same in squares of two by two.
+    It differs from `disparity_map` around lights. Large views have one value in each square of two by two pixels.
 
     Args:
         field: Radiance, [V, U, C, H, W], floating point.
@@ -126,24 +126,23 @@ def coarse_disparity(field: Tensor, first: float | None = None, last: float | No
         InputError: Views or a range that cannot be used.
     """
     height, width = field.shape[-2:]
-    scale, light = 1, field
+    scale, reduced = 1, field
     if min(height, width) >= LARGE:
         # Colours are averaged first: matching would do so later, of four times as many pixels.
         halves = F.avg_pool2d(field.mean(2), 2, ceil_mode=True, count_include_pad=False)
-        scale, light = 2, halves[:, :, None]
+        scale, reduced = 2, halves[:, :, None]
     if first is None or last is None:
-        low, high = estimate_range(light, batches.checked_weights(None, batches.grid_and_size(light)[0]))
+        low, high = estimate_range(reduced, batches.checked_weights(None, batches.grid_and_size(reduced)[0]))
     low, high = (low if first is None else first / scale), (high if last is None else last / scale)
-    disparity = scale * _at_lights(light, disparity_map(light, low, high).disparity, low, high)
+    disparity = scale * _with_lights(reduced, disparity_map(reduced, low, high).disparity, low, high)
     return disparity.repeat_interleave(scale, 0).repeat_interleave(scale, 1)[:height, :width]
 
 
-def _at_lights(field: Tensor, disparity: Tensor, first: float, last: float) -> Tensor:
-    """A map [H, W] of disparities from `first` to `last`; around lights, the slope at which views differ least.
+def _with_lights(field: Tensor, disparity: Tensor, first: float, last: float) -> Tensor:
+    """A disparity map [H, W], with the slope of least variance of the views around lights, from `first` to `last`.
 
-    In matching each view has one vote: at the edge of a light, which is much brighter than all else, it has no more
-    weight than weak texture has. But the light is most of what is refocused there, and squares of differences show at
-    which slope it is sharp.
+    In matching, each view has one vote: the edge of a light counts no more than weak texture. But most of the light
+    that is refocused there comes from it, and the variance is least at the slope at which it is sharp.
     """
     rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in field.shape[:2])
     middle = field[rows, columns].mean((0, 1, 2))
