@@ -1,52 +1,51 @@
-"""Ablations against the truth: the paper's choices over five seeds and two lengths; the tables of `ablations.md`.
+"""Ablations of a small RefNet that works: one training a row, evaluated by its labels and by the truth on sim30.
 
-Each variant gets a learning rate of its own, the best of `RATES` by a short training with another seed. Results go
-into `docs/ablations.csv`, one row for each network: `make ablations` trains what is missing there, so that the
-experiment goes on where it was stopped, on any machine. Rows by another version of the truth do not count. With
-`--runs` elsewhere nothing is written into the pages.
+Results go into `docs/ablations.csv` after each training. `make ablations` trains what is missing there, so that the
+experiment goes on where it was stopped, on any machine. A row counts while its setup, read from the configuration, and
+sim30 are the same. With `--runs` elsewhere nothing is written into the pages.
 """
 
 import argparse
 import functools
+import hashlib
 import itertools
-import subprocess
-import sys
-import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import experiments
 import markers
 import pandas as pd
 import torch
 import training
+from experiments import CLASSICAL, PLANES
 from hydra import compose, initialize_config_dir
-from paper_methods import PLANES
+from omegaconf import DictConfig, OmegaConf
 from rich.progress import track
 
-from lfref.bench import evaluation, timing
-from lfref.bench.evaluation import EvaluationCase
+from lfref.bench.accuracy import RIVAL
+from lfref.bench.evaluation import TRUTH, EvaluationCase
 from lfref.cli import config as configs
-from lfref.data.field_sources import SimulatedSource
-from lfref.io.run import METRICS, Run
+from lfref.io.run import Run
 from lfref.refocuser.load import load
-from lfref.refocuser.networks import NetworkRefocuser
+from lfref.refocuser.refocuser import Refocuser
 from lfref.report import tables
 from lfref.report.sweeps import t_interval
 from lfref.simulator import sim30
-from lfref.simulator.scene import Camera
-from lfref.simulator.scenes import RandomScenes
 
 RUNS = markers.ROOT / "runs" / "ablations"
 RESULTS = markers.ROOT / "docs" / "ablations.csv"
-SETUP = ("net=refnet_narrow", "scheduler=cosine", "data.patch=32", "data.patches_per_field=4")
-N_FIELDS, SIZE = 180, 128
-PAPER = "as the paper"
+SETUP = ("experiment=paper_small",)
+LABEL = "shift_and_sum"
+METHODS = (RIVAL, LABEL)
+"""Rows above the trainings."""
+N_SEEDS = 3
+SMALL = OmegaConf.load(configs.directory() / "net" / "refnet_small.yaml")
+BASE, LINEAR, RANDOM = "base", "net.initialization=linear", "net.initialization=random"
 VARIANTS: dict[str, tuple[str, ...]] = {
-    PAPER: (),
+    BASE: (),
     "relu": ("net.activation=relu",),
     "gelu": ("net.activation=gelu",),
     "no normalisation": ("net.normalization=none",),
@@ -54,252 +53,155 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "beta 0: no SSIM": ("loss.weights.beta=0",),
     "beta 1: no L1": ("loss.weights.beta=1",),
     "gamma 0: no 1/PSNR": ("loss.weights.gamma=0",),
-    "4 blocks": ("net.n_blocks=4",),
-    "shuffle 2": ("net.shuffle=2",),
+    "2 blocks": ("net.n_blocks=2",),
+    "6 blocks": ("net.n_blocks=6",),
+    "shuffle 1, the same reach": ("net.shuffle=1", f"net.dilation={[SMALL.shuffle * each for each in SMALL.dilation]}"),
+    "dilation 1": ("net.dilation=1",),
+    "dilations reversed": (f"net.dilation={list(SMALL.dilation)[::-1]}",),
+    "padding by zeros": ("net.padding=zeros",),
+    "equal rates": ("task.end_rate=1",),
+    "random start": (RANDOM,),
+    "random start, relu": (RANDOM, "net.activation=relu"),
+    "random start, no normalisation": (RANDOM, "net.normalization=none"),
+    "random start, equal rates": (RANDOM, "task.end_rate=1"),
 }
-"""Overrides beside the paper's choice: softplus, instance norm, beta .65, gamma 500, 11 blocks of 3x3."""
-RATES = (0.0002, 0.0006, 0.002, 0.006)
-N_SEEDS = 5
-TUNING_SEED = 100
-LENGTHS = {
-    "short": ("trainer.max_epochs=4", "+trainer.limit_train_batches=40"),
-    "long": ("trainer.max_epochs=10", "+trainer.limit_train_batches=160"),
+"""What each row changes of the base."""
+KEY = ["variant", "seed", "setup"]
+MEASURES = {
+    "label_psnr_db": ("by its labels, dB", ".1f"),
+    "label_nonzero_psnr_db": ("without alpha 1, dB", ".1f"),
+    "label_explained": ("explained", ".3f"),
+    "label_explained_near": ("near", ".3f"),
+    "label_explained_wide": ("wide", ".3f"),
+    "label_widest_db": ("alpha .125, dB", ".1f"),
+    "label_colour_error": ("colour error", ".2%"),
+    "truth_psnr_db": ("by the truth, dB", ".1f"),
+    "truth_nonzero_psnr_db": ("without alpha 1, dB", ".1f"),
 }
-"""160 and 1,600 steps; the learning rate falls along a cosine, epoch by epoch."""
-LONGEST = {"longest": ("trainer.max_epochs=100", "+trainer.limit_train_batches=160")}
-"""16,000 steps, an hour of one processor: for few variants."""
-VARIANTS_LONGEST = (PAPER, "gamma 0: no 1/PSNR")
-SCENES = tuple(sim30.SCENES)[::3]
-WIDE, FOCUS = 0.25, 0.75  # alphas up to where blur is wide, and from where scenes are near focus
-ROUNDS = 4  # of the measurement of time, of which the first is a warm-up
-KEY = ["variant", "length", "seed", "rate"]
-EXPERIMENT = f"{N_FIELDS} fields of {SIZE} px, sim30 {sim30.VERSION}"
-"""What else determines a result: the light fields learned from, and the truth."""
+"""Columns of the table, their headings, and how their numbers are written."""
 
 
-@dataclass(frozen=True)
-class Member:
-    """One training."""
+class Member(NamedTuple):
+    """One training, and its key among the results."""
 
     variant: str
-    length: str
     seed: int
-    rate: float
+    setup: str
+    """Hash of all that determines the result: network, loss, steps, data, and the scenes of the evaluation."""
+    overrides: tuple[str, ...]
 
     def folder(self, runs: Path) -> Path:
         """Its run folder."""
         name = "".join(letter if letter.isalnum() else "_" for letter in self.variant)
-        return runs / name / f"{self.length}_{self.seed}_{self.rate:g}"
-
-    @property
-    def overrides(self) -> list[str]:
-        """Overrides of `lfref train`, without those of the data."""
-        own = (
-            *VARIANTS[self.variant],
-            *(LENGTHS | LONGEST)[self.length],
-            f"optimizer.lr={self.rate:g}",
-            f"seed={self.seed}",
-        )
-        return [*SETUP, *own]
-
-    @property
-    def key(self) -> dict[str, Any]:
-        """Its place among the results."""
-        return dict(zip(KEY, (self.variant, self.length, self.seed, self.rate), strict=True))
+        return runs / f"{name}_{self.seed}_{self.setup}"
 
 
-class Results:
-    """The results so far, in a CSV file that is written after each training."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.rows = pd.DataFrame(columns=[*KEY, "setup", "experiment"])
-        if path.exists():
-            rows = tables.with_numbers(tables.read_table(path), "seed").astype({"seed": int})
-            self.rows = rows[rows["experiment"] == EXPERIMENT].reset_index(drop=True)
-        self._lock = threading.Lock()
-
-    def has(self, member: Member) -> bool:
-        """Whether a training with these overrides is among the results."""
-        return bool((self.rows["setup"] == " ".join(member.overrides)).any())
-
-    def add(self, member: Member, values: Mapping[str, float]) -> None:
-        """Add one training; it replaces one of the same variant, length, seed and rate with other overrides."""
-        origin = {"setup": " ".join(member.overrides), "experiment": EXPERIMENT}
-        row = pd.DataFrame([member.key | values | origin])
-        with self._lock:
-            others = self.rows[(self.rows[KEY] != list(member.key.values())).any(axis=1)]
-            rows = pd.concat([others, row]) if len(others) else row
-            by_variant = rows["variant"].map(list(VARIANTS).index)
-            ordered = rows.assign(order=by_variant).sort_values(["length", "order", "rate", "seed"], ignore_index=True)
-            self.rows = ordered.drop(columns="order")
-            tables.write_table(self.path, self.rows)
-
-    def of(self, length: str) -> pd.DataFrame:
-        """Trainings of one length at the chosen rates, without those that chose them."""
-        rows = self.rows[(self.rows["length"] == length) & (self.rows["seed"] != TUNING_SEED)]
-        return rows[rows["rate"] == rows["variant"].map(self.best_rate)]
-
-    def best_rate(self, variant: str) -> float | None:
-        """The rate with the best validation of its short training; None until all of them are trained."""
-        tried = self.rows[(self.rows["variant"] == variant) & (self.rows["seed"] == TUNING_SEED)]
-        if not set(RATES) <= set(tried["rate"]):
-            return None
-        return float(tried.loc[tried["val_mpsnr_db"].idxmax(), "rate"])
+def members(n_seeds: int, overrides: Iterable[str] = ()) -> Iterator[Member]:
+    """All trainings, seed by seed, so that one seed of every variant comes before the second of any."""
+    for seed, (variant, changes) in itertools.product(range(n_seeds), VARIANTS.items()):
+        words = (*SETUP, *changes, f"seed={seed}", *overrides)
+        config = composed(words)
+        parts = [sim30.VERSION, config.trainer.max_steps, config.trainer.precision]
+        parts += [configs.plain(config[part]) for part in ("task", "data")]
+        digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+        yield Member(variant, seed, f"setup_{digest[:12]}", words)
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """Trains networks, and evaluates them against the truth."""
-
-    runs: Path
-    results: Results
-    cases: Sequence[EvaluationCase]
-    overrides: Sequence[str]
-    """More overrides of `lfref train`, those of the data among them."""
-
-    def run(self, members: Iterable[Member], n_processes: int, title: str) -> None:
-        """Train what is missing; the first failure ends the experiment."""
-        missing = [member for member in members if not self.results.has(member)]
-        with ThreadPoolExecutor(n_processes) as pool:
-            futures = [pool.submit(self._run_one, member) for member in missing]
-            try:
-                for future in track(as_completed(futures), description=title, total=len(futures)):
-                    future.result()
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-
-    def _run_one(self, member: Member) -> None:
-        folder = member.folder(self.runs)
-        if error := training.train_one(folder, [*member.overrides, *self.overrides]):
-            raise SystemExit(f"{folder}: {error}")
-        validations = tables.with_numbers(tables.read_table(folder / METRICS), "step", "val/mpsnr")
-        values = {"val_mpsnr_db": validations["val/mpsnr"].max()}
-        if member.seed != TUNING_SEED:
-            values |= by_truth(load(folder), self.cases) | {"training_s": Run(folder).training["seconds"]}
-        self.results.add(member, {name: round(float(value), 4) for name, value in values.items()})
-
-
-def tuning() -> Iterator[Member]:
-    """The trainings that choose a rate for each variant."""
-    return (Member(variant, "short", TUNING_SEED, rate) for variant in VARIANTS for rate in RATES)
-
-
-def members(length: str, variants: Iterable[str], results: Results, n_seeds: int) -> Iterator[Member]:
-    """The trainings of one length, seed by seed, so that few seeds of all variants come before many of some."""
-    for seed, variant in itertools.product(range(n_seeds), variants):
-        rate = results.best_rate(variant)
-        assert rate is not None, "rates are chosen first"
-        yield Member(variant, length, seed, rate)
-
-
-def prepare(folder: Path) -> Path:
-    """The set of light fields to learn from, simulated and decoded if there is none."""
-    lfref = [sys.executable, "-m", "lfref.cli.main"]
-    if not (folder / "set" / "fields.json").exists():
-        size = f"scene.camera.size=[{SIZE},{SIZE}]"
-        fields = [f"n_fields={N_FIELDS}", size, "outputs=[views]", f"output={folder / 'fields'}", "overwrite=true"]
-        subprocess.run([*lfref, "simulate", *fields], check=True)
-        words = ["set=captures", f"set_folder={folder / 'set'}", f"output={folder / 'prepare'}", "overwrite=true"]
-        subprocess.run([*lfref, "prepare", str(folder / "fields"), *words], check=True)
-    return folder / "set"
-
-
-@torch.no_grad()
-def by_truth(network: NetworkRefocuser, cases: Iterable[EvaluationCase]) -> dict[str, float]:
-    """Means over planes and scenes."""
-    rows = pd.DataFrame(evaluation.evaluate(cases, [network], PLANES, experiments.MARGIN))
-    return {
-        "psnr_db": rows["psnr_db"].mean(),
-        "wide_db": rows.loc[rows["alpha"] <= WIDE, "psnr_db"].mean(),
-        "focus_db": rows.loc[rows["alpha"] >= FOCUS, "psnr_db"].mean(),
-        "delta_e": rows["delta_e"].mean(),
-    }
-
-
-@torch.no_grad()
-def costs(size: tuple[int, int]) -> pd.DataFrame:
-    """Size of every network, untrained, and what a pass costs in NumPy's 4-D FFTs, all measured in turns."""
-    views = SimulatedSource(1, 7, RandomScenes(Camera(size=size))).field(0).views
-    networks = {}
+def composed(overrides: Iterable[str]) -> DictConfig:
+    """The configuration of a training."""
     with initialize_config_dir(str(configs.directory()), version_base="1.3"):
-        for variant, overrides in VARIANTS.items():
-            networks[variant] = configs.build(compose("train", [*SETUP, *overrides]).net).eval()
-    watches = {
-        name: functools.partial(timing.seconds, functools.partial(network, views[None]), views.device)
-        for name, network in networks.items()
+        return compose("train", list(overrides))
+
+
+def results(path: Path) -> pd.DataFrame:
+    """The results so far, by any setup."""
+    return tables.read_table(path).astype({"seed": int}) if path.exists() else pd.DataFrame(columns=KEY)
+
+
+def of(wanted: Sequence[Member], rows: pd.DataFrame) -> pd.DataFrame:
+    """The results of these trainings."""
+    keys = {member[: len(KEY)] for member in wanted}
+    return rows[[key in keys for key in rows[KEY].itertuples(index=False, name=None)]]
+
+
+def train(wanted: Sequence[Member], path: Path, n_processes: int, row: Callable[[Member], Mapping[str, Any]]) -> None:
+    """Make the rows that are missing, and write each as it comes; the first failure ends the experiment."""
+    done = set(results(path)[KEY].itertuples(index=False, name=None))
+    missing = [member for member in wanted if member[: len(KEY)] not in done]
+    with ThreadPoolExecutor(n_processes) as pool:
+        for new in track(pool.map(row, missing), description="training", total=len(missing)):
+            rows = results(path)
+            others = rows[(rows["variant"] != new["variant"]) | (rows["seed"] != new["seed"])]
+            tables.write_table(path, [*others.to_dict("records"), new])
+
+
+def trained(member: Member, runs: Path, cases: Sequence[EvaluationCase]) -> dict[str, Any]:
+    """The row of a training, which is trained first unless it is."""
+    folder = member.folder(runs)
+    training.train(folder, member.overrides)
+    facts = Run(folder).training
+    row = dict(zip(KEY, member, strict=False)) | {
+        "n_parameters": facts["n_parameters"],
+        "training_s": round(facts["seconds"]),
     }
-    watches[timing.FFT] = functools.partial(timing.numpy_fft_time, views)
-    medians = {name: pd.Series(spent).median() for name, spent in timing.in_turns(watches, range(ROUNDS), 1).items()}
-    return pd.DataFrame(
-        {
-            "variant": name,
-            "n_parameters": sum(parameter.numel() for parameter in network.parameters()),
-            "units": medians[name] / medians[timing.FFT],
-        }
-        for name, network in networks.items()
-    )
+    return row | measured(load(folder), cases)
 
 
-def table(results: Results, sizes: pd.DataFrame) -> Iterator[str]:
-    """Variants beside the paper's choice, at both lengths; differences are taken seed by seed."""
-    yield (
-        "| variant | parameters | time | rate | 160 steps, dB | less the paper's | 1,600 steps, dB | less the paper's "
-        "| wide blur, dB | near focus, dB | Delta E |"
+def measured(method: Refocuser, cases: Sequence[EvaluationCase]) -> dict[str, float]:
+    """Means over scenes and planes, by the labels (`label_`) and by the truth (`truth_`)."""
+    rows = experiments.plane_rows(cases, [method, CLASSICAL[RIVAL]], [LABEL])
+    by_reference = experiments.scores(rows).loc[method.name]
+    prefixes = {LABEL: "label_", TRUTH: "truth_"}
+    return {
+        prefixes[reference] + name: round(float(value), 5)
+        for reference, scores in by_reference.iterrows()
+        if reference != method.name
+        for name, value in scores.items()
+    }
+
+
+def times() -> dict[str, str]:
+    """Time of every row for one light field; networks are untrained, since weights cost no time."""
+    options = {name: OmegaConf.to_yaml(composed([*SETUP, *changes, LINEAR]).net) for name, changes in VARIANTS.items()}
+    networks = {text: configs.build(OmegaConf.create(text)).eval() for text in set(options.values())}
+    methods = {name: functools.partial(CLASSICAL[name], slopes=PLANES.slopes) for name in METHODS}
+    measured = experiments.times(methods | networks)
+    return {name: measured[options.get(name, name)] for name in (*METHODS, *VARIANTS)}
+
+
+def table(rows: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
+    """All variants and methods; differences from the base are taken seed by seed."""
+    headings = [heading for heading, _ in MEASURES.values()]
+    yield from experiments.head(
+        "variant", *headings, "by its labels, less the base, dB", "parameters", experiments.TIME
     )
-    yield "|---|---|---|---|---|---|---|---|---|---|---|"
-    lengths = {length: results.of(length) for length in LENGTHS}
-    sizes = sizes.set_index("variant")
-    for variant in VARIANTS:
-        rate = results.best_rate(variant)
-        cells = [f"{sizes.loc[variant, 'n_parameters']:,.0f}", f"{sizes.loc[variant, 'units']:.2f}", f"{rate:g}"]
-        for rows in lengths.values():
-            own, base = (rows[rows["variant"] == name].set_index("seed") for name in (variant, PAPER))
-            cells.append(_mean(own["psnr_db"]))
-            cells.append("" if variant == PAPER else _difference((own["psnr_db"] - base["psnr_db"]).dropna()))
-        longest = lengths["long"][lengths["long"]["variant"] == variant]
-        cells += [_mean(longest[name]) for name in ("wide_db", "focus_db")] + [_mean(longest["delta_e"], ".2f")]
-        yield f"| {' | '.join([variant, *cells])} |"
+    by_variant = {variant: own.set_index("seed") for variant, own in rows.groupby("variant")}
+    for variant in (*METHODS, *VARIANTS):
+        own, base = by_variant[variant], by_variant[BASE]
+        cells = [mean(own[name], form) for name, (_, form) in MEASURES.items()]
+        less = "" if own is base else difference((own["label_psnr_db"] - base["label_psnr_db"]).dropna())
+        size = f"{own['n_parameters'].iloc[0]:,.0f}"
+        yield experiments.row(variant, *cells, *(["", ""] if variant in METHODS else [less, size]), times[variant])
     yield ""
-    counts = {length: rows.groupby("variant").size() for length, rows in lengths.items()}
-    yield f"PSNR by truth, {len(SCENES)} scenes of sim30 (version {sim30.VERSION}) without a sensor, the paper's"
-    yield f"planes, {experiments.MARGIN} px of the border left out; mean ± standard deviation over"
-    yield f"{_span(counts['short'])} seeds after 160 steps, {_span(counts['long'])} after 1,600. Less the paper's: mean"
-    yield "difference, seed by seed, with its 95 % paired t interval, bold where it excludes 0; each row is tested by"
-    yield "itself. The last three columns are those of 1,600 steps. Rate: of learning, the best of"
-    yield f"{', '.join(f'{rate:g}' for rate in RATES)} by the validation after 160 steps with another seed. Time in"
-    yield "NumPy's 4-D FFTs of the same views. Wide blur: alpha up to"
-    yield f"{WIDE:g}; near focus: from {FOCUS:g}."
+    yield f"Whole frames of the 30 scenes of sim30 ({sim30.VERSION}) without sensors, the paper's planes; mean and"
+    yield f"standard deviation over seeds ({rows['seed'].nunique()} in all). Less the base: mean difference, seed by"
+    yield "seed, with its 95 % paired t interval from two seeds on, bold where it excludes 0; each row is tested by"
+    yield "itself. Near: alpha from .75, without 1; wide: up to .25. Time of a light field of"
+    yield f"7x7x3x{experiments.SIZE[0]}x{experiments.SIZE[1]}, in brackets in NumPy's 4-D FFTs of the same views."
 
 
-def table_by_length(results: Results) -> Iterator[str]:
-    """The variants that were trained longest, at all lengths."""
-    yield "| variant | steps | seeds | by truth, dB | wide blur, dB | near focus, dB | Delta E |"
-    yield "|---|---|---|---|---|---|---|"
-    steps = dict(zip([*LENGTHS, *LONGEST], ("160", "1,600", "16,000"), strict=True))
-    for variant, (length, n_steps) in itertools.product(VARIANTS_LONGEST, steps.items()):
-        own = results.of(length)
-        own = own[own["variant"] == variant]
-        cells = [_mean(own[name]) for name in ("psnr_db", "wide_db", "focus_db")]
-        cells.append(_mean(own["delta_e"], ".2f"))
-        yield f"| {' | '.join([variant, n_steps, str(len(own)), *cells])} |"
-
-
-def _span(counts: pd.Series) -> str:
-    low, high = (counts.min(), counts.max()) if len(counts) else (0, 0)
-    return f"{low}" if low == high else f"{low} to {high}"
-
-
-def _mean(values: pd.Series, form: str = ".1f") -> str:
-    if values.empty:
+def mean(values: pd.Series, form: str) -> str:
+    """Mean, and standard deviation if there are several values."""
+    if values.isna().all():
         return tables.DASH
-    return f"{values.mean():{form}}" + (f" ± {values.std():{form}}" if len(values) > 1 else "")
+    text = f"{values.mean():{form}}" + (f" ± {values.std():{form}}" if len(values) > 1 else "")
+    return text.replace("%", " %")
 
 
-def _difference(values: pd.Series) -> str:
-    """The mean difference with its interval, bold if that excludes 0."""
+def difference(values: pd.Series) -> str:
+    """Mean difference with its interval, bold if that excludes 0."""
     if len(values) < 2:
-        return tables.DASH
+        return f"{values.mean():+.1f}"
     low, high = t_interval(values.tolist())
     text = f"{values.mean():+.1f} ({low:+.1f} to {high:+.1f})"
     return f"**{text}**" if low > 0 or high < 0 else text
@@ -307,39 +209,29 @@ def _difference(values: pd.Series) -> str:
 
 def main() -> None:
     """Train, evaluate, time; then fill the page, or print its lines."""
-    parser = argparse.ArgumentParser(description="The paper's choices, against the truth.")
+    parser = argparse.ArgumentParser(description="Which choices matter in a small RefNet that works.")
     parser.add_argument("overrides", nargs="*", help="of lfref train, with --runs elsewhere")
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks, and of results if not the default")
-    parser.add_argument("--scenes", nargs="+", default=list(SCENES), help="of sim30, with --runs elsewhere")
-    parser.add_argument("--processes", type=int, default=2, help="trainings side by side, of one thread each")
+    parser.add_argument("--scenes", nargs="+", default=list(sim30.SCENES), help="of sim30, with --runs elsewhere")
+    parser.add_argument("--processes", type=int, default=1, help="trainings side by side, of one thread each")
     parser.add_argument("--seeds", type=int, default=N_SEEDS, help="how many; more can be added later")
-    parser.add_argument("--longest-seeds", type=int, default=1, help="of 16,000 steps, an hour of a processor each")
-    parser.add_argument(
-        "--size", nargs=2, type=int, default=(375, 540), help="height and width of the light field for the times"
-    )
     options = parser.parse_args()
     runs = options.runs.resolve()
     is_ours = runs == RUNS
-    if is_ours and (options.overrides or options.scenes != list(SCENES)):
+    if is_ours and (options.overrides or options.scenes != list(sim30.SCENES)):
         parser.error("other overrides and scenes need --runs elsewhere: they would mix with the results of the page")
-    results = Results(RESULTS if is_ours else runs / "ablations.csv")
-    data = ["data=folder", f"data.path={prepare(runs / 'data')}", "data.workers=0"]
-    torch.set_num_threads(1)
+    path, wanted = RESULTS if is_ours else runs / "ablations.csv", list(members(options.seeds, options.overrides))
     cases = list(experiments.cases(options.scenes, PLANES))
-    experiment = Experiment(runs, results, cases, [*data, *options.overrides])
-    experiment.run(tuning(), options.processes, "rates")
-    for length in LENGTHS:
-        experiment.run(members(length, VARIANTS, results, options.seeds), options.processes, length)
-    longest = members(*LONGEST, VARIANTS_LONGEST, results, options.longest_seeds)
-    experiment.run(longest, options.processes, *LONGEST)
-    lines = {
-        "ablations": "\n".join(table(results, costs(tuple(options.size)))),
-        "ablations_length": "\n".join(table_by_length(results)),
-    }
+    n_threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # evaluations run beside trainings
+    train(wanted, path, options.processes, functools.partial(trained, runs=runs, cases=cases))
+    torch.set_num_threads(n_threads)
+    methods = [{"variant": name, "seed": 0} | measured(CLASSICAL[name], cases) for name in METHODS]
+    lines = "\n".join(table(pd.concat([pd.DataFrame(methods), of(wanted, results(path))]), times()))
     if is_ours:
-        markers.fill(lines)
+        markers.fill({"ablations": lines})
     else:
-        print(*lines.values(), sep="\n\n")
+        print(lines)
 
 
 if __name__ == "__main__":

@@ -38,8 +38,6 @@ class Size:
     """Overrides of all trainings."""
     tests: tuple[str, ...]
     """Arguments of pytest."""
-    results: Path
-    """File of the networks' accuracy."""
     bench: Mapping[str, tuple[str, ...]]
     """Overrides of the benches, by their group."""
 
@@ -55,7 +53,6 @@ FULL = Size(
         "channels_last=true",
     ),
     tests=("-m", "gpu", "tests"),
-    results=markers.ROOT / "docs" / "full_size.csv",
     bench={
         # A GPU changes times, not accuracy: one scene will do.
         "front": ("test_scenes=[twigs]", "wide=false", "aliased=false", "repeats=3"),
@@ -76,7 +73,6 @@ TRIAL = Size(
         "net.stem_width=8",
     ),
     tests=("tests/refocus/shift/test_shift_triton.py",),
-    results=RUNS / "full_size.csv",
     bench={
         "data": (*SMALL, "n_batches=2", "n_simulated=1", "n_steps=1", "patch=32", "n_stored=1"),
         "engines": (*SMALL, "engines=[eager]"),
@@ -142,7 +138,9 @@ def steps(size: Size, epochs: int) -> Iterator[Step]:
             f"+trainer.check_val_every_n_epoch={min(4, n_epochs)}",
         )
         yield Step(f"train_{name}", (*LFREF, "train", *words, "resume=auto"))
-    yield Step("full_size", (sys.executable, str(markers.ROOT / "docs" / "full_size.py"), "--to", str(size.results)))
+    networks = (f"--network={label}={RUNS / f'train_{label}'}" for label in LABELS)
+    paper = str(markers.ROOT / "docs" / "paper.py")
+    yield Step("full_size", (sys.executable, paper, "--runs", str(RUNS / "full_size"), *networks))
 
 
 def run(step: Step, limit_s: float) -> str:

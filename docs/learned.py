@@ -149,12 +149,12 @@ def paths() -> Iterator[str]:
 
 def cards() -> Iterator[str]:
     """The model card, as the file of the weights holds it."""
-    contents = checkpoint.read(networks.SHIPPED)
+    contents = checkpoint.read(networks.SHIPPED["learned"])
     notes = contents["notes"]
     n_weights = sum(value.numel() for value in contents["state_dict"].values())
     rows = {
         "what it does": notes["card"]["use"],
-        "weights": f"{n_weights:,}, {networks.SHIPPED.stat().st_size / 1e6:.1f} MB",
+        "weights": f"{n_weights:,}, {networks.SHIPPED['learned'].stat().st_size / 1e6:.1f} MB",
         "data": notes["card"]["data"],
         "trained on": notes["card"]["trained_on"],
         "light fields, steps": f"{notes['fields']}, {notes['steps']:,}",

@@ -14,7 +14,6 @@ import against_mitsuba
 import browsing
 import busy
 import exported
-import full_size
 import hard_cases
 import learned
 import maps
@@ -230,7 +229,6 @@ FIGURES = {
     **prepared.TABLES,
     **runtimes.TABLES,
     **exported.TABLES,
-    **full_size.TABLES,
     **({"gpu_times": gpu_times} if (GPU / "bench.csv").is_file() else {}),
     **scale.TABLES,
     **scene_costs.TABLES,

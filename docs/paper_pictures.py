@@ -1,125 +1,93 @@
-"""Pictures of `paper.md`, drawn where `make paper` has left its tables; otherwise the old ones stay.
+"""Pictures of `paper.md`, from the table of `paper.py` and its networks."""
 
-Letters: `s` slope in pixels per view step.
-"""
-
-import functools
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import experiments
 import pandas as pd
 import sheets
 import torch
+from experiments import ALPHAS, CLASSICAL, NETWORKS, PLANES, SEED
 from markers import ROOT
-from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from paper_methods import BEST, CLASSICAL, NETWORKS, PLANES
 from torch import Tensor
 
-from lfref.bench.evaluation import IDEAL
+from lfref.bench.accuracy import RIVAL
+from lfref.bench.evaluation import TRUTH
+from lfref.refocuser.refocuser import Refocuser
 from lfref.report import drawing, tables
-from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, MAGENTA, ORANGE, RED, TEAL
+from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, MAGENTA, RED, TEAL
 
-RUNS = ROOT / "runs" / "paper"
+TABLE = ROOT / "runs" / "paper" / "planes.csv"
 COLOURS = {
+    RIVAL: GREY,
     "shift_and_sum": BLUE,
     "fourier_slice": RED,
-    "fourier_slice_linear": GREY,
-    "shift_and_sum_through_cells": ORANGE,
-    BEST: BLACK,
-    **dict(zip(NETWORKS, (CYAN, MAGENTA, TEAL), strict=True)),
+    "occlusion_aware": BLACK,
+    **dict(zip(NETWORKS.values(), (CYAN, MAGENTA, TEAL), strict=True)),
 }
 SCENE, SHOWN = "twigs", (0.125, 2.0)
-INNER = (..., slice(32, -32), slice(experiments.MARGIN, -experiments.MARGIN))
+INNER = (..., slice(32, -32), slice(24, -24))
 FINEST = 3e-3  # smaller differences are shown as none
 DIFFERENCE: dict[str, Any] = {"cmap": "magma", "norm": LogNorm(FINEST, 0.3)}
 
 
-def scatter(runs: Path) -> Figure:
-    """The paper's figure, a point a scene: networks by their own labels, and all methods by truth."""
-    rows = tables.read_table(runs / "labels.csv")
-    points = rows.groupby(["method", "reference", "light_field"], sort=False)[["psnr_db", "ssim"]].mean().reset_index()
-    own = [(method, label) for method, label in NETWORKS.items() if label in CLASSICAL]
-    by_truth = [(method, "truth") for method in COLOURS]
+def scatter(rows: pd.DataFrame) -> Figure:
+    """The paper's figure, a point a scene: networks by their own labels, and all methods by the truth."""
+    points = rows.assign(method=rows["method"].str.partition(SEED)[0])
+    points = points.groupby(["method", "reference", "light_field"])[["psnr_db", "ssim"]].mean()
+    own = [(method, label) for label, method in NETWORKS.items() if label in CLASSICAL]
+    panels = {
+        "as the paper: by their own labels": [(RIVAL, "shift_and_sum"), *own],
+        "by the truth": [(method, TRUTH) for method in COLOURS],
+    }
     figure = drawing.new_figure(sheets.WIDTH, 3.6)
-    panels = zip(figure.subplots(1, 2), (own, by_truth), ("as the paper: by their own labels", "by truth"), strict=True)
-    for axes, series, title in panels:
-        for method, reference in series:
-            of_it = points[(points["method"] == method) & (points["reference"] == reference)]
-            look = {"color": COLOURS[method], "marker": "^" if method in NETWORKS else "o"}
-            axes.plot(of_it["ssim"], of_it["psnr_db"], linestyle="", markersize=3.5, alpha=0.75, label=method, **look)
+    for axes, (title, pairs) in zip(figure.subplots(1, 2), panels.items(), strict=True):
+        for pair in pairs:
+            look = {"color": COLOURS[pair[0]], "marker": "^" if pair[0] in NETWORKS.values() else "o"}
+            of_pair = points.loc[pair]
+            axes.plot(
+                of_pair["ssim"], of_pair["psnr_db"], linestyle="", markersize=3.5, alpha=0.75, label=pair[0], **look
+            )
         sheets.label(axes, tables.heading("mssim"), tables.heading("mpsnr_db"), title)
-    _legend(figure)
-    return figure
-
-
-def by_alpha(runs: Path) -> Figure:
-    """Accuracy and brightness of every method over alpha, by truth; a band goes from seed to seed."""
-    rows = tables.read_table(runs / "truth.csv")
-    rows = rows[rows["class"] == IDEAL]
-    figure = drawing.new_figure(sheets.WIDTH, 3.6)
-    columns = {"psnr_db": "PSNR, dB", "brightness": "brightness over that of the truth"}
-    for axes, (column, title) in zip(figure.subplots(1, 2), columns.items(), strict=True):
-        for method, colour in COLOURS.items():
-            _draw_band(axes, rows[rows["method"] == method], column, colour)
-        sheets.label(axes, tables.heading("alpha"), "", title)
-    _legend(figure)
-    return figure
-
-
-def comparison(runs: Path) -> Figure:
-    """A scene by truth, by the paper's two methods and by networks, and what each of them lacks."""
-    case = next(experiments.cases([SCENE], PLANES))
-    networks = experiments.load_networks({method: [_first(runs, label)] for method, label in NETWORKS.items()})
-    rows = {name: CLASSICAL[name] for name in ("shift_and_sum", "fourier_slice")}
-    rows |= dict(zip(NETWORKS, networks, strict=True))
-    methods = (CLASSICAL[BEST], *rows.values())
-    best, *stacks = (case.stack(method, PLANES.slopes)[INNER] for method in methods)
-    cells = []
-    for alpha in SHOWN:
-        index = (PLANES.alphas or ()).index(alpha)
-        truth = case.reference[INNER][index]
-        titles = [name.replace("RefNet on ", "RefNet on\n") for name in rows]
-        cells += [(f"truth,\nalpha {alpha:g}", truth), *zip(titles, (stack[index] for stack in stacks), strict=True)]
-        cells += [_difference(f"{BEST}\n", best[index], truth)]
-        cells += [_difference("difference\n", stack[index], truth) for stack in stacks]
-    return sheets.sheet(cells, 6, bar="absolute difference", **DIFFERENCE)
-
-
-def _first(runs: Path, label: str) -> Path:
-    return runs / "networks" / label / "seed_0"
-
-
-def _difference(title: str, picture: Tensor, truth: Tensor) -> tuple[str, Tensor]:
-    return title + sheets.decibels(picture, truth), torch.clamp((picture - truth).abs().mean(0), min=FINEST)
-
-
-def _draw_band(axes: Axes, rows: pd.DataFrame, column: str, colour: str) -> None:
-    """The mean over scenes and seeds along alpha, and how far single seeds go."""
-    of_seeds = rows.groupby(["alpha", "seed"])[column].mean().unstack()
-    style = "--" if rows["method"].iloc[0] in NETWORKS else "-"
-    axes.plot(of_seeds.index, of_seeds.mean(axis=1), style, color=colour, linewidth=1.4, label=rows["method"].iloc[0])
-    axes.fill_between(of_seeds.index, of_seeds.min(axis=1), of_seeds.max(axis=1), color=colour, alpha=0.2, linewidth=0)
-
-
-def _legend(figure: Figure) -> None:
     handles = {line.get_label(): line for axes in figure.axes for line in axes.get_lines()}
     figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=3, frameon=False, fontsize=7)
+    return figure
 
 
-DRAWN: dict[str, tuple[Callable[[Path], Figure], str]] = {
-    "paper_scatter.png": (scatter, "MPSNR against MSSIM, a point a scene: by their own labels, and by truth"),
-    "paper_by_alpha.png": (by_alpha, "PSNR and brightness over alpha, by truth"),
-    "paper_comparison.jpg": (
-        comparison,
-        "A scene at two planes: truth, methods, networks, and what they lack",
-    ),
+def comparison(networks: Sequence[Refocuser]) -> Figure:
+    """A scene at two planes: the truth, two methods, a network of each label source, and how far they are from it."""
+    case = next(experiments.cases([SCENE], PLANES))
+    names = (RIVAL, "shift_and_sum")
+    methods = [*(CLASSICAL[name] for name in names), *networks]
+    titles = [*names, *(name.replace("RefNet on ", "RefNet on\n") for name in NETWORKS.values())]
+    stacks = [method(case.light, PLANES.slopes)[INNER] for method in methods]
+    cells = []
+    for alpha in SHOWN:
+        index = ALPHAS.index(alpha)
+        truth = case.reference[INNER][index]
+        cells += [(f"truth,\nalpha {alpha:g}", truth)]
+        cells += [(title, stack[index]) for title, stack in zip(titles, stacks, strict=True)]
+        cells += [("no\ndifference", torch.full(truth.shape[-2:], FINEST))]
+        cells += [_difference(stack[index], truth) for stack in stacks]
+    return sheets.sheet(cells, 1 + len(stacks), bar="absolute difference", **DIFFERENCE)
+
+
+def _difference(picture: Tensor, truth: Tensor) -> tuple[str, Tensor]:
+    return "difference\n" + sheets.decibels(picture, truth), torch.clamp((picture - truth).abs().mean(0), min=FINEST)
+
+
+CAPTIONS = {
+    "paper_scatter.png": "MPSNR against MSSIM, a point a scene: by their own labels, and by the truth",
+    "paper_comparison.jpg": "A scene at two planes: truth, methods, networks, and how far they are from the truth",
 }
-"""Name -> function that draws it from a folder of runs, and its caption."""
-PICTURES: dict[str, Callable[[], Figure]] = {
-    name: functools.partial(draw, RUNS) for name, (draw, _) in DRAWN.items() if (RUNS / "truth.csv").exists()
-}
-"""Name -> function, for `pictures.py`."""
+PICTURES: dict[str, Callable[[], Figure]] = (
+    {
+        "paper_scatter.png": lambda: scatter(tables.read_table(TABLE)),
+        "paper_comparison.jpg": lambda: comparison(experiments.networks(experiments.runs(1))),
+    }
+    if TABLE.exists()
+    else {}
+)
+"""Name -> function, for `pictures.py`; where `make paper` has left no table, the pictures stay as they are."""

@@ -21,7 +21,7 @@ PLOTS = {  # drawn from what runs have left
     "causes.png": "figures/causes",
     "engines.png": "figures/engines",
     "page.jpg": "figures/browsing/page.png",
-    **dict.fromkeys(("paper_scatter.png", "paper_by_alpha.png", "paper_comparison.jpg"), "paper/truth.csv"),
+    **dict.fromkeys(("paper_scatter.png", "paper_comparison.jpg"), "paper/planes.csv"),
 }
 
 

@@ -1,5 +1,8 @@
 """Distance of refocused stacks from a reference, plane by plane: PSNR, SSIM, colour difference, brightness.
 
+Where slope 0 counts, no refocusing at all looks good: there the label is the mean of the views. So every mean stands
+also without it, beside the share of refocusing that a method explains.
+
 Letters: `N` planes, `C H W` channel, pixel row and column; of colours `L a b` lightness and the two opponent axes, `C`
 chroma, `h` hue in degrees. Sources of the colour difference: IEC 61966-2-1, 1999; Sharma, Wu, Dalal, "The CIEDE2000
 color-difference formula: implementation notes, supplementary test data, and mathematical observations", 2005.
@@ -19,6 +22,7 @@ from lfref.errors import InputError, counted
 from lfref.functional.psnr import image_pair, psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import FocalPlanes
+from lfref.metrics.stack import GROUPS, in_group
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocuser.refocuser import OperatorRefocuser
 
@@ -26,6 +30,8 @@ Row = dict[str, Any]
 """One row of a table: column -> cell."""
 EXACT = OperatorRefocuser("exact_fourier", exact_fourier)
 """The reference where no truth is known."""
+RIVAL = "mean_of_views"
+"""The method that does not refocus; it explains 0."""
 WHOLE = "whole_"
 """Prefix of columns measured over the whole frame; the others leave out the border."""
 LEAST_SIDE = 8
@@ -50,23 +56,65 @@ def plane_rows(
         planes: The N planes.
 
     Yields:
-        Rows `light_field, method, reference, alpha, slope, psnr_db, ssim`, one per plane.
+        Rows `light_field, method, reference, alpha, slope, psnr_db, ssim, colour_error`, one per plane.
     """
     for (method, stack), (reference, label) in itertools.product(stacks.items(), labels.items()):
         names = {"light_field": light_field, "method": method, "reference": reference}
-        qualities = zip(psnr(stack, label).tolist(), ssim(stack, label).tolist(), strict=True)
-        for plane, (decibels, similarity) in zip(plane_names(planes), qualities, strict=True):
-            yield names | plane | {"psnr_db": decibels, "ssim": similarity}
+        measures = psnr(stack, label), ssim(stack, label), colour_error(stack, label)
+        values = zip(*(measure.tolist() for measure in measures), strict=True)
+        for plane, (decibels, similarity, colour) in zip(plane_names(planes), values, strict=True):
+            yield names | plane | {"psnr_db": decibels, "ssim": similarity, "colour_error": colour}
+
+
+def colour_error(stack: Tensor, label: Tensor) -> Tensor:
+    """Error of a channel's mean as a share of the label's, mean over channels that are not black: [N, C, H, W] -> [N].
+
+    A colour cast that a PSNR hardly shows: noise has none, and a wrong bias of an output channel has nothing else.
+    """
+    mean, expected = (picture.mean((-2, -1), dtype=torch.float64) for picture in (stack, label))
+    return ((mean - expected).abs() / torch.where(expected > 0, expected, torch.nan)).nanmean(-1)
+
+
+SUMMARY_KEYS = ["light_field", "method", "reference"]
 
 
 def summaries(planes: pd.DataFrame) -> pd.DataFrame:
-    """MPSNR and MSSIM, means of `plane_rows` over planes (the paper's Eq. 4-5).
+    """MPSNR and MSSIM, means of `plane_rows` over planes (the paper's Eq. 4-5), both also without slope 0.
 
     Returns:
-        Columns `light_field, method, reference, mpsnr_db, mssim`.
+        Columns `light_field, method, reference, mpsnr_db, mssim, nonzero_mpsnr_db, nonzero_mssim`, those of
+        `explained`, and `colour_error`, a mean over planes.
     """
-    groups = planes.groupby(["light_field", "method", "reference"], sort=False)
-    return groups.agg(mpsnr_db=("psnr_db", "mean"), mssim=("ssim", "mean")).reset_index()
+    groups, nonzero = (rows.groupby(SUMMARY_KEYS, sort=False) for rows in (planes, planes[planes["slope"] != 0]))
+    means = groups.agg(mpsnr_db=("psnr_db", "mean"), mssim=("ssim", "mean"))
+    means = means.join(nonzero.agg(nonzero_mpsnr_db=("psnr_db", "mean"), nonzero_mssim=("ssim", "mean")))
+    means = means.join(explained(planes, SUMMARY_KEYS))
+    return means.assign(colour_error=groups["colour_error"].mean()).reset_index()
+
+
+def explained(planes: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
+    """Share of refocusing that methods explain: 1 - sum of squared errors / sum of those of `mean_of_views`.
+
+    Slope 0 does not count, and all other planes count alike, whatever their size.
+
+    Args:
+        planes: Columns `method`, `slope`, `psnr_db` and the keys; a row per plane.
+        keys: Columns that tell one sum from another, `method` among them.
+
+    Returns:
+        Columns `explained`, `explained_near`, `explained_wide`, of all planes and those of two `GROUPS`, by the keys;
+        NaN where there is no such plane or no `mean_of_views`.
+    """
+    # A PSNR that is not a number is worse than any number.
+    errors = planes.assign(error=10 ** (-planes["psnr_db"].fillna(-math.inf) / 10))
+    others = [key for key in keys if key != "method"]
+    columns = {}
+    for group in GROUPS:
+        sums = errors[in_group(errors["slope"].tolist(), group)].groupby(keys, sort=False)["error"].sum()
+        of_rival = sums[sums.index.get_level_values("method") == RIVAL].droplevel("method")
+        shares = 1 - sums / sums.to_frame().join(of_rival.rename("rival"), on=others)["rival"]
+        columns["explained" if group == "all" else f"explained_{group}"] = shares
+    return pd.DataFrame(columns)
 
 
 def without_border(stack: Tensor, margin: int) -> Tensor:

@@ -79,10 +79,10 @@ class Fields(NamedTuple):
 def network_case(
     name: str, network: Network, fields: Fields, planes: FocalPlanes, is_trained: bool, device: torch.device
 ) -> NetworkCase:
-    """A network that reads views; without training its last layer is set for pictures as bright as these scenes."""
+    """A network that reads views; without training its weights start on one of these scenes."""
     if not is_trained:
         first = fields.calibration[0]
-        network.prime(first.views[None], planes.slopes, first.photograph(planes.values)[None])
+        network.initialize(first.views[None], planes.slopes, first.photograph(planes.values)[None])
     whole = [
         FieldInputs(field.name, [(field.views.to(device),)], field.photograph(planes.values)) for field in fields.whole
     ]

@@ -283,19 +283,24 @@ def by_scene(rows: pd.DataFrame) -> pd.DataFrame:
 def by_class(rows: pd.DataFrame) -> pd.DataFrame:
     """Means over all scenes and planes of a class, beside the median and the worst plane.
 
-    Columns `SERIES, COLUMNS, worst_psnr_db, worst_scene, median_psnr_db, worst_plane_db, worst_plane, scenes,
-    brightness_error`: `worst_psnr_db` is the mean PSNR of the worst scene; `worst_plane` names scene and slope of the
-    worst single plane; `brightness_error` is the largest distance of a plane's brightness from 1.
+    Columns `SERIES, COLUMNS, worst_psnr_db, worst_scene, median_psnr_db, worst_plane_db, worst_plane, nonzero_psnr_db,
+    nonzero_ssim`, those of `accuracy.explained`, and `scenes, brightness_error`: `worst_psnr_db` is the mean PSNR of
+    the worst scene; `worst_plane` names scene and slope of the worst single plane; `nonzero_psnr_db` and `nonzero_ssim`
+    are means without slope 0; `brightness_error` is the largest distance of a plane's brightness from 1.
     """
-    planes = _means_and_worst(
-        rows.assign(plane=rows["scene"] + rows["slope"].map(" at slope {:.3g}".format)), SERIES, "worst_plane", "plane"
+    rows = rows.assign(plane=rows["scene"] + rows["slope"].map(" at slope {:.3g}".format))
+    planes, nonzero = (
+        _means_and_worst(part, SERIES, "worst_plane", "plane").set_index(SERIES)
+        for part in (rows, rows[rows["slope"] != 0])
     )
     scenes = _means_and_worst(by_scene(rows), SERIES, "worst_scene", "scene").set_index(SERIES)
     groups = rows.assign(brightness_error=(rows["brightness"] - 1).abs()).groupby(SERIES, sort=False)
     more = groups.agg(scenes=("scene", "nunique"), brightness_error=("brightness_error", "max"))
-    own = planes.rename(columns={"worst_psnr_db": "worst_plane_db"}).set_index(SERIES)
+    own = planes.rename(columns={"worst_psnr_db": "worst_plane_db"})
     scenes["median_psnr_db"] = own["median_psnr_db"]
-    return scenes.join(own[["worst_plane_db", "worst_plane"]]).join(more).reset_index()
+    scenes = scenes.join(own[["worst_plane_db", "worst_plane"]])
+    scenes = scenes.join(nonzero[["psnr_db", "ssim"]].add_prefix("nonzero_")).join(accuracy.explained(rows, SERIES))
+    return scenes.join(more).reset_index()
 
 
 def _means_and_worst(table: pd.DataFrame, keys: list[str], name: str, source: str) -> pd.DataFrame:

@@ -103,7 +103,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
                 drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
             drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
         log_evaluation(summary, table, folder)
-    if (answer := answers.of_evaluation(summary)) is not None:
+    if (answer := answers.of_evaluation(summary, table)) is not None:
         worst = steps.read_field(fields[answer.worst], config, methods).to(device)
         label = labels_of(answer.worst, worst)[answer.reference]
         _write_crops(folder, worst, methods, label, planes, answer)

@@ -19,7 +19,7 @@ from lfref.errors import InputError, LfrefError, first_line
 
 APERTURES = ("disc", "full", "gaussian", "mask", "picture", "polygon", "square")
 TEXTURES = ("Flat", "Gradient", "Stripes", "Checker", "Noise", "Picture")
-CALLBACKS = ("BestCheckpoint", "HeadInitialization", "Pace", "StackPictures", "StepGuard")
+CALLBACKS = ("BestCheckpoint", "Initialization", "Pace", "StackPictures", "StepGuard")
 MATTES = ("Full", "Disc", "Polygon", "Leaf", "Twigs", "Perforated")
 EFFECTS = (
     "displacement.Chromatic", "vignetting.Vignetting", "displacement.Misalignment", "crosstalk.Crosstalk",
@@ -37,6 +37,7 @@ TABLE: dict[str, tuple[str, ...]] = {
         "lfref.refocus.fourier.disparity_layers.refocus_by_layers",
         "lfref.refocus.fourier.slice.fourier_slice",
         "lfref.refocus.fourier.super_resolution.super_resolve",
+        "lfref.refocus.mean_of_views.mean_of_views",
         "lfref.refocus.occlusion_aware.occlusion_aware",
         "lfref.refocus.separable_wiener.separable_wiener",
         "lfref.refocus.shift.shift_and_sum.shift_and_sum",
@@ -50,6 +51,7 @@ TABLE: dict[str, tuple[str, ...]] = {
     "refocusers": (
         "lfref.refocuser.refocuser.OperatorRefocuser",
         "lfref.refocuser.networks.learned",
+        "lfref.refocuser.networks.refnet",
     ),
     "planes": (
         *(f"lfref.geometry.{name}" for name in ("FocalPlanes", "even_planes", "planes_at_alphas")),
@@ -65,6 +67,7 @@ TABLE: dict[str, tuple[str, ...]] = {
     ),
     "sources": ("lfref.data.field_sources.SimulatedSource",),
     "tasks": ("lfref.train.modules.Refining", "lfref.train.modules.Refocusing"),
+    "schedules": ("lfref.train.modules.WarmupCosine",),
     "networks": ("lfref.nets.refnet.RefNet", "lfref.nets.refiner.Refiner"),
     "losses": (
         *(f"lfref.losses.composite.{name}" for name in ("CompositeLoss", "paper_weights")),

@@ -30,7 +30,7 @@ def report(config: DictConfig, folder: Path) -> None:
         raise InputError("no section could be made", got="; ".join(problems))
     for problem in problems:
         log.warning("not shown: %s", problem)
-    page.write_page(folder / "index.html", config.title, parts, _facts(runs))
+    page.write_page(folder / "index.html", config.title, parts, _facts(runs), config.text)
     for name, table in (pair for section in parts for pair in section.files.items()):
         tables.write_table(_free(folder / name), table)
     log.info("report: %s", (folder / "index.html").resolve())

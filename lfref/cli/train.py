@@ -142,7 +142,7 @@ def build_module(config: DictConfig, data: LightningDataModule) -> Fitting:
     module: Fitting = configs.build(config.task, **options)
     if config.start is not None:
         path = Path(config.start)
-        start = SHIPPED if config.start == "learned" else Run.of(path).best if path.is_dir() else path
+        start = SHIPPED.get(config.start) or (Run.of(path).best if path.is_dir() else path)
         module.start_from(start)
         log.info("training starts from the weights of %s", config.start)
     if config.channels_last:
@@ -153,7 +153,10 @@ def build_module(config: DictConfig, data: LightningDataModule) -> Fitting:
 
 
 def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
-    chosen = [callback for callback in configs.build(config.callbacks).values() if callback is not None]
+    named = configs.build(config.callbacks)
+    if config.start is not None:
+        named.pop("initialization", None)  # the weights are there already
+    chosen = [callback for callback in named.values() if callback is not None]
     record = TrainingRecord(Path(config.folder) / runs.TRAINING)
     callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, *_trial_reports(), record, stopping]
     logger = loggers.started(config, "train", compared_by=(MPSNR_OF_STACK, MSSIM_OF_STACK))

@@ -103,6 +103,8 @@ class PatchData(LightningDataModule, abc.ABC):
         timeout: Longest time in seconds in which a worker prepares one batch; 0: no limit. It needs a worker.
         labels_on: Who makes the labels: `loader`, with the batch, or `device`, where the network is; `auto`: a GPU
             does, a processor leaves them to the loader. Rendered labels are always made by the loader.
+        label_margin: Whether labels depend on pixels beyond their patch, as the whole light field's do; if not, each
+            patch is a light field to the labels, so that a network learns what to do at the border of a frame.
     """
 
     in_threads: ClassVar[bool] = True
@@ -118,6 +120,7 @@ class PatchData(LightningDataModule, abc.ABC):
         seed: int = 0,
         timeout: float = 600.0,
         labels_on: str = BY_DEVICE,
+        label_margin: bool = True,
     ) -> None:
         super().__init__()
         if min(patch, patches_per_field, fields_per_batch) < 1 or min(seed, timeout) < 0:
@@ -135,6 +138,7 @@ class PatchData(LightningDataModule, abc.ABC):
         self.seed = seed
         self.timeout = timeout
         self.labels_on = labels_on
+        self.label_margin = label_margin
 
     @property
     def is_linear(self) -> bool:
@@ -166,7 +170,8 @@ class PatchData(LightningDataModule, abc.ABC):
         return labelled(batch, self.labels) if "patches" in batch else batch  # type: ignore[arg-type]
 
     def _loader(self, source: Source, order_seed: int | None) -> DataLoader[Batch]:
-        patches = FieldPatches(source, self.labels, self.patch, self.patches_per_field, self.seed)
+        shape = self.patch, self.patches_per_field
+        patches = FieldPatches(source, self.labels, *shape, self.seed, self.label_margin)
         on_device = self.labels_on == DEVICE or (self.labels_on == BY_DEVICE and is_on_gpu(self.trainer))
         labels = None if on_device and self.labels.reads_views else self.labels
         collate = functools.partial(_collated, labels=labels)
@@ -314,6 +319,7 @@ class SimulatedData(PatchData):
         scenes: Distribution of the scenes, or one scene.
         validation_scenes: Distribution of held-out scenes, equal for every seed; None: other scenes of `scenes`.
         correct: `none`, `auto` (the defects of each light field), or a file of corrections.
+        cache_folder: Folder in which scenes are kept, so that all epochs train on the same ones; None: new ones.
         **options: Arguments of `PatchData`.
     """
 
@@ -328,6 +334,7 @@ class SimulatedData(PatchData):
         scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
         validation_scenes: Scenes | Scene | None = None,
         correct: str = NONE,
+        cache_folder: str | None = None,
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
@@ -336,10 +343,12 @@ class SimulatedData(PatchData):
         if isinstance(held, Scene | Fixed) and validation_scenes is not None:
             stream = 0  # the scenes as they are
         # The painted scene must extend far enough for the labels' planes: views and rendered labels share it.
-        reach = float(labels.planes.slopes.abs().max()) if isinstance(labels, RenderedLabels) else 0.0
+        planes = labels.planes.values if isinstance(labels, RenderedLabels) else ()
+        reach = max(map(abs, planes), default=0.0)
+        kept_in = None if cache_folder is None else Path(cache_folder).expanduser()
         self.streams = (
-            SimulatedSource(n_fields, self.seed, scenes, reach, correct),
-            SimulatedSource(n_validation, stream, held, reach, correct),
+            SimulatedSource(n_fields, self.seed, scenes, reach, correct, kept_in, planes),
+            SimulatedSource(n_validation, stream, held, reach, correct, kept_in, planes),
         )
 
     def sources(self) -> tuple[Source, Source]:

@@ -6,17 +6,22 @@ for each epoch.
 
 import abc
 import functools
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
 from torch import Tensor
 
+import lfref
 from lfref.captures.correct import NONE, correct_by_option
 from lfref.data import cache
 from lfref.data.stored_fields import SUFFIX, StoredField
 from lfref.errors import InputError
+from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
@@ -91,6 +96,8 @@ class SimulatedSource(Source):
         scenes: Distribution of the scenes, or one scene, which is repeated with other textures and noise.
         reach: Largest |slope| of the photographs, in pixels per view step; determines how far scenes are painted.
         correct: `none`, `auto` (the defects of each field), or a file of corrections.
+        kept_in: Folder in which fields of epoch 0 are kept, for all epochs; None renders new ones in every epoch.
+        planes: Slopes of the photographs that are kept too; none by default.
     """
 
     def __init__(
@@ -100,6 +107,8 @@ class SimulatedSource(Source):
         scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
         reach: float = 0.0,
         correct: str = NONE,
+        kept_in: Path | None = None,
+        planes: tuple[float, ...] = (),
     ) -> None:
         if n_fields < 1 or seed < 0:
             got = f"n_fields={n_fields}, seed={seed}"
@@ -109,12 +118,30 @@ class SimulatedSource(Source):
         self.reach = reach
         self.correct = correct
         self.scenes = Fixed((scenes,)) if isinstance(scenes, Scene) else scenes
+        self.planes = planes
+        self.folder = None
+        if kept_in is not None:
+            what = repr((self.scenes, seed, reach, correct, planes, lfref.__version__))
+            self.folder = kept_in / f"scenes_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
 
     def __len__(self) -> int:
         return self.n_fields
 
     def field(self, index: int, epoch: int = 0) -> SimulatedField:
-        """Render the field at that place of that epoch, in linear light clipped to [0, 1]."""
+        """The field at that place of that epoch, in linear light clipped to [0, 1]; kept ones in float16."""
+        if self.folder is None:
+            return self._rendered(index, epoch)
+        path = self.folder / f"{index:05}.npy"
+        if not path.is_file():
+            field = self._rendered(index, 0)
+            if self.planes:
+                _keep(path.with_suffix(TRUTH), field.photograph(self.planes))
+            _keep(path, field.views)  # last: a field whose views are there is whole
+        views = torch.from_numpy(np.load(path, mmap_mode="c"))
+        name = self.scenes.scene(self.seed, 0, index).name
+        return SimulatedField(views, name, photograph=functools.partial(_kept_photograph, path.with_suffix(TRUTH)))
+
+    def _rendered(self, index: int, epoch: int) -> SimulatedField:
         scene = self.scenes.scene(self.seed, epoch, index)
         simulation = Simulation(scene, self.reach)
         views = simulation.run(["views"], [0.0]).views
@@ -123,6 +150,22 @@ class SimulatedSource(Source):
         light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
         corrected, _ = correct_by_option(light, self.correct, even_grid_for=cache.EVEN_GRID)
         return SimulatedField(corrected.views, scene.name, corrected.weight, photograph=photograph)
+
+
+TRUTH = ".truth.npy"
+"""End of the name of a file with photographs that are kept."""
+
+
+def _keep(path: Path, images: Tensor) -> None:
+    """Write images as an array of float16, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic.replacing(path) as partial, partial.open("wb") as file:
+        np.save(file, images.half().numpy())
+
+
+def _kept_photograph(path: Path, slopes: tuple[float, ...]) -> Tensor:
+    """The photographs of a kept field, which are those of the source's `planes`."""
+    return torch.from_numpy(np.load(path, mmap_mode="c")).float()
 
 
 def _photograph(simulation: Simulation, slopes: tuple[float, ...]) -> Tensor:

@@ -115,11 +115,13 @@ def labelled(batch: UnlabelledBatch, labels: Labels) -> Batch:
     }
 
 
-def cut(field: Field, labels: Labels, top: int, left: int, size: int) -> Patch:
+def cut(field: Field, labels: Labels, top: int, left: int, size: int, has_margin: bool = True) -> Patch:
     """The patch at a corner of a light field, with what its label depends on, as far as the field reaches.
 
-    The crop is wide enough for the largest shift, however small the patch.
+    The crop is wide enough for the largest shift, however small the patch. Without a margin it is the patch alone.
     """
+    if not has_margin:
+        return Patch(_crop(field, top, left, size, size), 0, 0, size, f"{field.name}@{top},{left}")
     margin, crop = labels.margin(field.grid), []
     for start, length in zip((top, left), field.size, strict=True):
         first = max(0, min(start - margin, length - 2 * margin - 1))
@@ -127,14 +129,24 @@ def cut(field: Field, labels: Labels, top: int, left: int, size: int) -> Patch:
         n_pixels = min(length, labels.crop_length(last - first))
         crop.append((min(first, length - n_pixels), n_pixels))
     (row, height), (column, width) = crop
-    context = field.crop(row, column, height, width)
+    context = _crop(field, row, column, height, width)
     return Patch(context, top - row, left - column, size, f"{field.name}@{top},{left}")
 
 
-class FieldPatches(Dataset[UnlabelledBatch]):
-    """Random patches of every light field of a source; `seed` fixes the corners."""
+def _crop(field: Field, *window: int) -> LightField | StoredCrop:
+    """The crop of a field, as float32 without gradients unless it is stored."""
+    crop = field.crop(*window)
+    if isinstance(crop, LightField) and (crop.views.dtype != torch.float32 or crop.views.requires_grad):
+        crop = replace(crop, views=batches.radiance(crop.views.detach()).float())
+    return crop
 
-    def __init__(self, source: Source, labels: Labels, patch: int, patches_per_field: int, seed: int) -> None:
+
+class FieldPatches(Dataset[UnlabelledBatch]):
+    """Random patches of every light field of a source; `seed` fixes the corners, `has_margin` as for `cut`."""
+
+    def __init__(
+        self, source: Source, labels: Labels, patch: int, patches_per_field: int, seed: int, has_margin: bool = True
+    ) -> None:
         if min(patch, patches_per_field) < 1:
             raise InputError("patch and patches_per_field must be at least 1", got=(patch, patches_per_field))
         self.source = source
@@ -142,6 +154,7 @@ class FieldPatches(Dataset[UnlabelledBatch]):
         self.patch = patch
         self.patches_per_field = patches_per_field
         self.seed = seed
+        self.has_margin = has_margin
 
     def __len__(self) -> int:
         return len(self.source)
@@ -165,8 +178,6 @@ class FieldPatches(Dataset[UnlabelledBatch]):
             remedy = 'see "Interface of each part" in docs/extending.md'
             expected = f"{type(self.source).__name__}.field must return a LightField"
             raise InputError(expected, got=type(field).__name__, remedy=remedy)
-        if isinstance(field, LightField) and (field.views.dtype != torch.float32 or field.views.requires_grad):
-            field = replace(field, views=batches.radiance(field.views.detach()).float())
         if min(field.size) < self.patch:
             raise InputError(
                 f"light field {field.name} must be at least {self.patch} pixels in both directions",
@@ -186,7 +197,7 @@ class FieldPatches(Dataset[UnlabelledBatch]):
         free = np.array(field.size) - self.patch
         for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
-            patch = cut(field, self.labels, top, left, self.patch)
+            patch = cut(field, self.labels, top, left, self.patch, self.has_margin)
             if not patch.is_flat():
                 yield patch.of_views() if self.labels.reads_views else patch
                 return

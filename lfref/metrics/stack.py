@@ -1,9 +1,10 @@
-"""Quality of refocused stacks: SSIM and PSNR of each focal plane, and their mean over the planes.
+"""Quality of refocused stacks: SSIM and PSNR of each focal plane, their mean over the planes, and the share explained.
 
 Letters: `N C H W` focal plane, channel, pixel row, pixel column. Source: MSSIM and MPSNR, the paper's Eq. 4-5.
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -84,3 +85,69 @@ class MPSNR(StackQuality):
     """Mean PSNR over the planes in dB, each image capped at 100 dB; the paper's Eq. 5."""
 
     quality = staticmethod(psnr)
+
+
+NEAR, WIDE = 0.5, 3.0
+"""Near focus: |slope| up to NEAR (the paper's alpha from .75); wide blur: |slope| from WIDE (alpha up to .25)."""
+GROUPS = "all", "near", "wide"
+
+
+def in_group(slopes: Sequence[float], group: str) -> list[bool]:
+    """Whether each plane belongs to a group of `GROUPS`; slope 0, where the label is the mean of the views, to none."""
+    if group not in GROUPS:
+        raise InputError(f"planes must be {', '.join(GROUPS)}", got=group)
+    ends = {"all": (0.0, float("inf")), "near": (0.0, NEAR), "wide": (WIDE, float("inf"))}
+    low, high = ends[group]
+    return [slope != 0 and low <= abs(slope) <= high for slope in slopes]
+
+
+class Explained(Metric):
+    """Share of refocusing that a stack explains: 1 - sum (stack - label)^2 / sum (mean of views - label)^2.
+
+    The mean of the views, which is no refocusing at all, has 0, and the label itself 1. Sums go over stacks, planes and
+    pixels before the division.
+
+    Args:
+        slopes: Slopes of the planes, in pixels per view step, [N].
+        group: Planes that count, one of `GROUPS`.
+
+    Raises:
+        InputError: Another group.
+
+    Example:
+        >>> metric = Explained([-0.5, 0.0, 0.5])
+        >>> labels, mean = torch.rand(2, 3, 3, 8, 8), torch.rand(2, 3, 8, 8)
+        >>> metric(mean[:, None].expand_as(labels), labels, mean)
+        tensor(0., dtype=torch.float64)
+    """
+
+    full_state_update = False
+    higher_is_better = True
+    error: Tensor
+    """Sum of squared errors of the stacks, float64."""
+    rival: Tensor
+    """Sum of squared errors of the mean of the views, float64."""
+
+    def __init__(self, slopes: Sequence[float], group: str = "all") -> None:
+        super().__init__()
+        self.planes = in_group(slopes, group)
+        self.add_state("error", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
+        self.add_state("rival", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
+
+    def update(self, prediction: Tensor, target: Tensor, mean: Tensor) -> None:
+        """Add refocused stacks and labels, [..., N, C, H, W] each, and the means of their views, [..., C, H, W].
+
+        Raises:
+            InputError: The stacks have other shapes or another number of planes.
+        """
+        if prediction.ndim < 4 or prediction.shape != target.shape or prediction.shape[-4] != len(self.planes):
+            expected = f"stacks and labels must be [..., {len(self.planes)}, C, H, W]"
+            raise InputError(expected, got=f"{list(prediction.shape)} and {list(target.shape)}")
+        for i in (i for i, counts in enumerate(self.planes) if counts):
+            stack, label = prediction[..., i, :, :, :], target[..., i, :, :, :]
+            self.error += (stack - label).double().square().sum()
+            self.rival += (mean - label).double().square().sum()
+
+    def compute(self) -> Tensor:
+        """The share, a float64 scalar of at most 1; NaN where the labels are the mean of the views."""
+        return torch.where(self.rival > 0, 1 - self.error / self.rival, torch.nan)

@@ -25,8 +25,24 @@ EPSILON = 1e-3
 """Number that is added to each variance: TensorFlow's default, which the paper used. With PyTorch's 1e-5 the 22
 normalisations of a black frame, whose variance is 0, amplify a gradient beyond the range of float32."""
 
+
+class InstanceNorm2d(nn.InstanceNorm2d):
+    """Instance normalisation with its gradient made contiguous.
+
+    PyTorch 2.13 on a CPU gives wrong gradients without notice for a batch of one whose channels lie last in memory:
+    it normalises a contiguous copy of the images, and reads the gradient as if it lay likewise.
+    """
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Normalise."""
+        result = super().forward(images)
+        if result.requires_grad and not torch.compiler.is_compiling():
+            result.register_hook(torch.Tensor.contiguous)
+        return result
+
+
 NORMALIZATIONS: dict[str, Callable[[int], nn.Module]] = {
-    "instance": lambda channels: nn.InstanceNorm2d(channels, EPSILON, affine=True),
+    "instance": lambda channels: InstanceNorm2d(channels, EPSILON, affine=True),
     "batch": lambda channels: nn.BatchNorm2d(channels, EPSILON),
     "group": lambda channels: nn.GroupNorm(math.gcd(32, channels), channels, EPSILON),
     # Layer norm of a convolutional network: its mean is over all channels and pixels of one sample.
@@ -42,8 +58,39 @@ STYLES = {
 """Widths of a block's first two convolutions as divisors of F."""
 
 
+def is_autocast(images: Tensor) -> bool:
+    """Whether autocast is on for the device of these images; `meta`, where only shapes are computed, has none."""
+    device = images.device.type
+    return device != "meta" and torch.is_autocast_enabled(device)
+
+
+class WideConv2d(nn.Conv2d):
+    """A convolution that autocast leaves in the type of its weights."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Apply the convolution."""
+        if not is_autocast(images):
+            return super().forward(images)
+        with torch.autocast(images.device.type, enabled=False):
+            return super().forward(images.to(self.weight.dtype))
+
+
+class StemConv2d(nn.Conv2d):
+    """A convolution whose bias autocast leaves in its own type, and with it the result."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Apply the convolution."""
+        if not is_autocast(images):
+            return super().forward(images)
+        assert self.bias is not None
+        return self._conv_forward(images, self.weight, None).to(self.bias.dtype) + self.bias[:, None, None]
+
+
 class ResBlock(nn.Module):
-    """1x1, 3x3, 1x1 convolutions with a skip connection: [B, C, H, W] -> [B, F, H, W]; options as for `RefNet`."""
+    """1x1, 3x3, 1x1 convolutions with a skip connection: [B, C, H, W] -> [B, F, H, W]; options as for `RefNet`.
+
+    Under autocast the sum with the skip stays in float32: at its values of 8 to 24, bfloat16 has steps of 1/8.
+    """
 
     def __init__(
         self,
@@ -70,7 +117,7 @@ class ResBlock(nn.Module):
             norm(second),
             nn.Conv2d(second, filters, 1),
         )
-        self.skip = nn.Identity() if channels == filters else nn.Conv2d(channels, filters, 1)
+        self.skip = nn.Identity() if channels == filters else WideConv2d(channels, filters, 1)
         self.activation = act()
 
     def forward(self, features: Tensor) -> Tensor:

@@ -1,29 +1,12 @@
-"""The interface of refocusing networks, and the data-dependent start of a last convolution.
-
-With the paper's final ReLU, about half of all random seeds start with an output channel that is negative on every
-pixel and never learns. `prime` scales the last convolution on the first batch: every channel starts at its label's
-mean with a small spread.
-"""
+"""The interface of refocusing networks."""
 
 import abc
-from collections.abc import Callable
-from typing import Any, ClassVar, cast
+from collections.abc import Iterable
+from typing import Any, ClassVar
 
-import torch
 from torch import Tensor, nn
 
-Total = Callable[[Tensor], Tensor]
-"""Sum of a tensor over all processes of a distributed run."""
-
-FLAT = 1e-3
-"""Standard deviation below which an output counts as constant."""
-SPREAD = 0.1
-"""Standard deviation of each output channel at the start, in radiance; with it, no channel was dead on 48 seeds."""
-
-
-def one_process(value: Tensor) -> Tensor:
-    """The total over a single process: the value itself."""
-    return value
+from lfref.nets.initialization import Total, one_process
 
 
 class Network(nn.Module, abc.ABC):
@@ -58,30 +41,16 @@ class Network(nn.Module, abc.ABC):
             InputError: Views or slopes that do not fit the network.
         """
 
-    def prime(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
-        """Start the weights on a first batch, in place; by default nothing changes.
+    def initialize(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
+        """Start the weights on the crops of several batches, in place; by default nothing changes.
 
         Args:
-            views: This process's part of the batch, [B, V, U, C, H, W].
+            views: This process's crops, [B, V, U, C, H, W].
             slopes: Slopes of the planes, [N].
             labels: Labels of these views, [B, N, C, H, W].
-            total: Function that adds up a tensor over all processes, which hold the other parts.
+            total: Function that adds up a tensor over all processes, which hold other crops.
         """
 
-
-@torch.no_grad()
-def prime(head: nn.Conv2d, features: Tensor, labels: Tensor, total: Total = one_process) -> None:
-    """Rescale a convolution with a bias, in place, so that features [B, F, H, W] give the means of labels [B, K, H, W].
-
-    `total` adds up a tensor over all processes, which hold the other parts of the batch.
-    """
-    raw = head(features).double()
-    count = total(torch.tensor(float(raw[:, 0].numel()), dtype=torch.float64, device=raw.device))
-    mean = total(raw.sum((0, 2, 3))) / count
-    deviation = (total((raw - mean[:, None, None]).square().sum((0, 2, 3))) / (count - 1)).sqrt()
-    # A constant channel cannot be scaled: it gets the right mean, and training does the rest.
-    gain = torch.where(deviation > FLAT, SPREAD / deviation.clamp(min=FLAT), 1.0)
-    target = total(labels.double().sum((0, 2, 3))) / count
-    bias = cast(Tensor, head.bias)
-    head.weight.mul_(gain[:, None, None, None])
-    bias.copy_(target - (mean - bias) * gain)
+    def ends(self) -> Iterable[nn.Parameter]:
+        """Parameters of the first and last layers, which learn at `end_rate` of the rate; none by default."""
+        return ()

@@ -10,7 +10,8 @@ Sources: Hedayati, Havens, Bos, "Machine Learning Method for Light Field Refocus
 """
 
 import itertools
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import torch
@@ -19,11 +20,19 @@ from torch.nn import functional as F
 
 from lfref.errors import InputError, counted
 from lfref.lightfield import check_views
-from lfref.nets import blocks, network
-from lfref.nets.blocks import ResBlock
-from lfref.nets.network import Network, Total, one_process
+from lfref.nets import blocks, initialization
+from lfref.nets.blocks import ResBlock, StemConv2d, WideConv2d
+from lfref.nets.initialization import Total, one_process
+from lfref.nets.network import Network
 
 PAPER_WIDTHS = (512,) * 6 + (384,) + (256,) * 4
+LINEAR, RANDOM = "linear", "random"
+INITIALIZATIONS = LINEAR, RANDOM
+PADDINGS = "zeros", "replicate"
+START_PIXELS = 1 << 15
+"""Pixels of crops that the linear start is computed of, evenly drawn where there are more."""
+START_BORDER = 4
+"""Pixels at the border of a crop that it leaves out: labels near focus lose views there."""
 
 
 class RefNet(Network):
@@ -43,7 +52,11 @@ class RefNet(Network):
         head_kernel: Kernel of the last two convolutions, odd.
         shuffle: Pixels along the side of a coarse pixel, r; 1 (the paper's) works on the pixels themselves.
         kernel: Side of the convolution in the middle of a block, odd.
-        dilation: Distance between the samples of that convolution in (coarse) pixels.
+        dilation: Distance between the samples of that convolution in (coarse) pixels, for all blocks or for each; a
+            list is stretched to the number of blocks, as the widths are.
+        padding: What the first and last convolutions read beyond the frame: `zeros` (the paper's), or the pixels at its
+            edge (`replicate`). Blocks read zeros, the mean of what normalisation leaves.
+        initialization: `linear` (`lfref.nets.initialization`) or `random` (the paper's), once a training begins.
 
     Raises:
         InputError: An option from which no network can be built.
@@ -70,16 +83,25 @@ class RefNet(Network):
         head_kernel: int = 1,
         shuffle: int = 1,
         kernel: int = 3,
-        dilation: int = 1,
+        dilation: int | Sequence[int] = 1,
+        padding: str = "zeros",
+        initialization: str = LINEAR,
     ) -> None:
         super().__init__()
         schedule = stretched(widths, len(widths) if n_blocks is None else n_blocks)
-        sizes, kernels = (n_planes, *grid, channels, stem_width, shuffle, dilation), (stem_kernel, head_kernel, kernel)
+        dilations = stretched([dilation] if isinstance(dilation, int) else dilation, len(schedule))
+        sizes, kernels = (
+            (n_planes, *grid, channels, stem_width, shuffle, *dilations),
+            (stem_kernel, head_kernel, kernel),
+        )
         if len(grid) != 2 or min(sizes) < 1:
             expected = "planes, grid, channels, stem width, shuffle and dilation must be positive"
             raise InputError(expected, got=sizes)
         if any(side < 1 or side % 2 == 0 for side in kernels):
             raise InputError("kernels must be odd, so that the picture keeps its size", got=list(kernels))
+        if padding not in PADDINGS or initialization not in INITIALIZATIONS:
+            expected = f"padding must be {' or '.join(PADDINGS)}, initialization {' or '.join(INITIALIZATIONS)}"
+            raise InputError(expected, got=f"{padding} and {initialization}")
         self.config: dict[str, Any] = {
             "n_planes": n_planes,
             "grid": list(grid),
@@ -93,22 +115,30 @@ class RefNet(Network):
             "head_kernel": head_kernel,
             "shuffle": shuffle,
             "kernel": kernel,
-            "dilation": dilation,
+            "dilation": dilation if isinstance(dilation, int) else dilations,
+            "padding": padding,
+            "initialization": initialization,
         }
         self.n_planes = n_planes
         self.grid = (grid[0], grid[1])
         self.shuffle = shuffle
-        self.reach = dilation * (kernel // 2)
+        self.reach = max(dilations) * (kernel // 2)
         outputs, samples = n_planes * channels * shuffle**2, grid[0] * grid[1] * channels * shuffle**2
-        choices = (activation, normalization, style, kernel, dilation)
+        pairs = itertools.pairwise([stem_width, *schedule])
+        # A kernel of 1 reads nothing beyond the frame; PyTorch would copy its input, and cannot compile the gradient.
+        of_head: dict[str, Any] = {"padding": head_kernel // 2, "padding_mode": padding if head_kernel > 1 else "zeros"}
+        of_stem: dict[str, Any] = {"padding": stem_kernel // 2, "padding_mode": padding}
         self.trunk = nn.Sequential(
-            nn.Conv2d(samples, stem_width, stem_kernel, padding=stem_kernel // 2),
+            StemConv2d(samples, stem_width, stem_kernel, **of_stem),
             nn.ReLU(),
-            *(ResBlock(a, b, *choices) for a, b in itertools.pairwise([stem_width, *schedule])),
-            nn.Conv2d(schedule[-1], outputs, head_kernel, padding=head_kernel // 2),
+            *(
+                ResBlock(a, b, activation, normalization, style, kernel, distance)
+                for (a, b), distance in zip(pairs, dilations, strict=True)
+            ),
+            WideConv2d(schedule[-1], outputs, head_kernel, **of_head),
             nn.ReLU(),
         )
-        self.head = nn.Conv2d(outputs, outputs, head_kernel, padding=head_kernel // 2)
+        self.head = WideConv2d(outputs, outputs, head_kernel, **of_head)
 
     def features(self, views: Tensor) -> Tensor:
         """Input of the last convolution: views [..., V, U, C, H, W] -> [B, N C r^2, H / r, W / r], rounded up.
@@ -139,7 +169,7 @@ class RefNet(Network):
             raise InputError(
                 f"this network reads {working}", got=views.dtype, remedy="convert the views or the network"
             )
-        return self.trunk(self._coarse(views.reshape(-1, expected[0] * expected[1] * expected[2], *views.shape[-2:])))
+        return self.trunk(self._inputs(views))
 
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
         """Refocus as in `Network`; the planes are fixed: only the number of slopes is checked. The stack is >= 0."""
@@ -151,10 +181,51 @@ class RefNet(Network):
         images = F.pixel_shuffle(torch.relu(self.head(self.features(views))), self.shuffle)[..., :height, :width]
         return images.reshape(*views.shape[:-5], self.config["n_planes"], self.config["channels"], height, width)
 
-    def prime(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
-        """Scale the last convolution on a first batch: see `network.prime`."""
-        with torch.no_grad():
-            network.prime(self.head, self.features(views), self._coarse(labels.flatten(1, 2)), total=total)
+    def ends(self) -> Iterator[nn.Parameter]:
+        """Parameters of the stem and of both convolutions of the head."""
+        return itertools.chain(*(part.parameters() for part in (self.trunk[0], self.trunk[-2], self.head)))
+
+    @torch.no_grad()
+    def initialize(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
+        """Start the weights on crops: see `lfref.nets.initialization`."""
+        targets = self._coarse(labels.flatten(1, 2))
+        if self.config["initialization"] == RANDOM:
+            initialization.scale_outputs(self.head, self.features(views), targets, total)
+            return
+        stem, *_, first = (layer for layer in self.trunk if isinstance(layer, nn.Conv2d))
+        n_colours, n_inner = int(self.config["channels"]), self.shuffle**2
+        n_read = n_inner * math.prod(stem.kernel_size)
+        border = -(-START_BORDER // self.shuffle)
+        inner = [slice(border, -border) if size > 2 * border else slice(None) for size in targets.shape[-2:]]
+        every = -(-targets[:, 0].numel() // START_PIXELS)
+
+        def pairs(convolution: nn.Conv2d, layers: nn.Module) -> Iterator[tuple[Tensor, Tensor]]:
+            for crop, target in zip(views.split(1), targets.split(1), strict=True):
+                read = initialization.neighbourhoods(layers(self._inputs(crop)), convolution)
+                yield tuple(  # type: ignore[misc]
+                    each[..., inner[0], inner[1]].flatten(2)[..., ::every, None] for each in (read, target)
+                )
+
+        apart = initialization.apart_by_colour
+        by_colour = (
+            (apart(read, n_colours, n_read), apart(target, n_colours, n_inner))
+            for read, target in pairs(stem, nn.Identity())
+        )
+        weights, bias, covariance = initialization.ridge_regression(by_colour, total)
+        half = max(1, min(stem.out_channels, *self.config["widths"]) // 2)
+        directions = initialization.kept_directions(weights @ covariance @ weights.T, max(1, half // n_colours))
+        directions = initialization.for_all_colours(directions, n_colours, (n_inner, 1))[:, :half]
+        weights = initialization.for_all_colours(weights, n_colours, (n_inner, n_read))
+        bias = bias.unflatten(0, (-1, 1, n_inner)).expand(-1, n_colours, -1).flatten()
+        initialization.set_stem(stem, weights, bias, directions)
+        for block in (layer for layer in self.trunk if isinstance(layer, ResBlock)):
+            initialization.pass_through(block, directions.shape[1])
+        weights, bias, _ = initialization.ridge_regression(pairs(first, self.trunk[:-2]), total)
+        initialization.set_head(first, self.head, weights, bias)
+
+    def _inputs(self, views: Tensor) -> Tensor:
+        """Views [..., V, U, C, H, W] as the channels of (coarse) pixels, [B, V U C r^2, H / r, W / r], rounded up."""
+        return self._coarse(views.reshape(-1, math.prod(views.shape[-5:-2]), *views.shape[-2:]))
 
     def _coarse(self, images: Tensor) -> Tensor:
         """Images [B, K, H, W] on the coarser grid, [B, K r^2, H / r, W / r], sizes rounded up."""

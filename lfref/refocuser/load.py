@@ -26,7 +26,7 @@ from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import disparity_range, shift_and_sum_through_cells
 from lfref.refocuser import filling, networks
 from lfref.refocuser.features import renamed
-from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, learned
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, learned, refnet
 from lfref.refocuser.refocuser import Refocuser, check_for_network
 
 
@@ -35,8 +35,8 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
 
     Args:
         path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. A file that
-            `lfref export` wrote, `NAME.onnx`, `.pt2`, `.xml` or `.safetensors`. None is the model that ships with
-            lfref, for any planes and any even grid.
+            `lfref export` wrote, `NAME.onnx`, `.pt2`, `.xml` or `.safetensors`. A model that ships with lfref:
+            `refnet` (7x7 views, the paper's 16 planes), or `learned`, which None means too (any planes, any even grid).
         device: Where the network goes; exported files run on the CPU, wherever views are.
 
     Returns:
@@ -53,8 +53,10 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
         >>> refocuser(torch.rand(3, 3, 3, 24, 32)).shape, refocuser.planes.labels
         (torch.Size([2, 3, 24, 32]), ('slope -1', 'slope 1'))
     """
-    if path is None:
+    if path in (None, "learned"):
         return learned(device=device)
+    if path == "refnet":
+        return refnet(device=device)
     path = Run.of(path).best if Path(path).is_dir() else Path(path)
     if file_formats.format_of(path) is not None:
         refocuser = load_exported(path)
@@ -63,8 +65,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     contents = checkpoint.read(path)
     if networks.REFINER in contents["lfref"]:
         return networks.restored_refiner(path, contents, run_name(path), device)
-    network, planes = checkpoint.restored(path, contents)
-    return NetworkRefocuser(network.to(device), planes, run_name(path), contents["lfref"].get("is_linear"))
+    return networks.restored_network(path, contents, run_name(path), device)
 
 
 def load_exported(path: Path) -> Refocuser:

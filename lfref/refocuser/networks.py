@@ -186,8 +186,8 @@ def described_refiner(entry: Mapping[str, Any]) -> tuple[OperatorRefocuser, list
     return OperatorRefocuser(method["name"], operator), names
 
 
-SHIPPED = Path(__file__).parents[1] / "weights" / "learned.safetensors"
-"""Weights of the model that ships; their metadata state how it was trained."""
+SHIPPED = {name: Path(__file__).parents[1] / "weights" / f"{name}.safetensors" for name in ("learned", "refnet")}
+"""Weights of the models that ship, by name; their metadata state how they were trained."""
 
 
 class NetworkRefocuser(Refocuser):
@@ -253,4 +253,23 @@ def learned(
         >>> lfref.load()(torch.rand(5, 5, 3, 48, 64), [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
-    return restored_refiner(SHIPPED, checkpoint.read(SHIPPED), name, device).through(aperture)
+    path = SHIPPED["learned"]
+    return restored_refiner(path, checkpoint.read(path), name, device).through(aperture)
+
+
+def restored_network(
+    path: Path, contents: Mapping[str, Any], name: str, device: str | torch.device = "cpu"
+) -> NetworkRefocuser:
+    """The refocuser of a checkpoint of a network; arguments and errors as for `restored_refiner`."""
+    network, planes = checkpoint.restored(path, contents)
+    return NetworkRefocuser(network.to(device), planes, name, contents["lfref"].get("is_linear"))
+
+
+def refnet(name: str = "refnet", device: str | torch.device = "cpu") -> NetworkRefocuser:
+    """The RefNet that ships with lfref: 7x7 views, the paper's 16 planes; arguments and errors as for `learned`.
+
+    Example:
+        >>> lfref.load("refnet")(torch.rand(7, 7, 3, 48, 64)).shape
+        torch.Size([16, 3, 48, 64])
+    """
+    return restored_network(SHIPPED["refnet"], checkpoint.read(SHIPPED["refnet"]), name, device)

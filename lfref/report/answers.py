@@ -1,20 +1,26 @@
 """What a comparison of methods answers, in one sentence: how much better is ours than the best classical method?
 
-"Ours" is the best network. Without a network, or without a classical method, it is the best of all, beside the next.
+"Ours" is the best network, and before all else it must be better than no refocusing, the mean of the views; that is no
+competitor of the others. Without a network, or without a classical method, ours is the best of all, beside the next.
 A method is no evidence about itself: rows that a method judges of its own pictures are left out. Only the truth, the
 picture of a lens, says which method is better; by any other reference, one is only nearer to it than another.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
+from lfref.bench import accuracy
+from lfref.bench.accuracy import RIVAL
 from lfref.bench.evaluation import TRUTH
 from lfref.errors import InputError
 from lfref.report import tables
 from lfref.report.tables import TRUTHS
 
+SERIES = ["method", "reference"]
+"""Columns whose values name one mean."""
 SAME_DB = 0.05
 """Difference in dB below which the sentence calls two methods equal: it has one decimal."""
 
@@ -36,6 +42,15 @@ class Answer:
     """Scene -> PSNR of ours in dB."""
     times: Sequence[float]
     """Times of ours and of the other in `numpy_ffts`; empty where none were measured."""
+    explained: float = math.nan
+    """Share of refocusing that our network explains; NaN: unknown, or no network."""
+    explained_wide: float = math.nan
+    """The same of planes of wide blur."""
+
+    @property
+    def is_below_mean(self) -> bool:
+        """Whether our network is worse than the mean of the views."""
+        return self.explained < 0
 
     @property
     def worst(self) -> str:
@@ -52,7 +67,17 @@ class Answer:
         if self.reference not in TRUTHS:
             where += f", judged by {self.reference} and not by the truth"
         worst = f", worst on {self.worst} ({self.scores[self.worst]:.1f} dB)" if n_scenes > 1 else ""
-        return f"{where}, {self.ours} {self._compared}{worst}{self._cost}."
+        return f"{where}, {self.ours} {self._against_mean}{self._compared}{worst}{self._cost}."
+
+    @property
+    def _against_mean(self) -> str:
+        if math.isnan(self.explained):
+            return ""
+        if self.is_below_mean:
+            times = f"its squared error is {1 - self.explained:.2g} times that of {RIVAL}"
+            return f"is worse than no refocusing at all ({times}, explained {self.explained:.2g}) and "
+        wide = "" if math.isnan(self.explained_wide) else f" (wide blur {100 * self.explained_wide:.3g} %)"
+        return f"explains {100 * self.explained:.3g} % of refocusing{wide} and "
 
     @property
     def _compared(self) -> str:
@@ -78,7 +103,8 @@ def of_bench(bench: pd.DataFrame, scenes: pd.DataFrame) -> Answer | None:
     """The answer of the first class that the truth judges, else of the first class; None without methods.
 
     Args:
-        bench: Columns `method`, `class`, `reference`, `psnr_db`, `numpy_ffts`, and `is_network` (missing: no network).
+        bench: Columns `method`, `class`, `reference`, `psnr_db`, `numpy_ffts`, those of `accuracy.explained` (may be
+            missing), and `is_network` (missing: no network).
         scenes: Columns `method`, `class`, `reference`, `scene`, `psnr_db`.
     """
     tables.require(scenes, "method", "class", "reference", "scene", "psnr_db")
@@ -92,19 +118,22 @@ def of_bench(bench: pd.DataFrame, scenes: pd.DataFrame) -> Answer | None:
     return _answer(str(kind), str(reference), rows, per_scene, ("psnr_db", "scene"))
 
 
-def of_evaluation(summary: pd.DataFrame) -> Answer | None:
+def of_evaluation(summary: pd.DataFrame, planes: pd.DataFrame) -> Answer | None:
     """The answer for the rendered label, which is the truth, else for the first one; None without methods.
 
     Args:
         summary: Columns `method`, `reference`, `light_field`, `mpsnr_db`, and `is_network` (missing: no network).
+        planes: Columns `method`, `reference`, `slope`, `psnr_db`; a row per plane of each light field.
     """
     rows = tables.judged_by_others(tables.with_numbers(summary, "mpsnr_db"))
     if rows.empty:
         return None
     rows = rows.sort_values("reference", key=lambda names: ~names.isin(TRUTHS), kind="stable")
     rows = tables.capped(rows[rows["reference"] == rows["reference"].iloc[0]], "mpsnr_db")
-    means = rows.assign(is_network=networks(rows)).groupby("method", sort=False, as_index=False)
+    tables.require(planes, *SERIES, "slope", "psnr_db")
+    means = rows.assign(is_network=networks(rows)).groupby(SERIES, sort=False, as_index=False)
     means = means.agg(mpsnr_db=("mpsnr_db", "mean"), is_network=("is_network", "first"))
+    means = means.join(accuracy.explained(planes, SERIES), on=SERIES)
     return _answer("", str(rows["reference"].iloc[0]), means, rows, ("mpsnr_db", "light_field"))
 
 
@@ -115,10 +144,12 @@ def networks(rows: pd.DataFrame) -> pd.Series:
 
 def _answer(
     kind: str, reference: str, methods: pd.DataFrame, per_scene: pd.DataFrame, columns: tuple[str, str]
-) -> Answer:
+) -> Answer | None:
     """The answer of methods of one reference; `columns` are those of the score and of the scene."""
     score, scene = columns
-    ranked = methods.sort_values(score, ascending=False, kind="stable")
+    ranked = methods[methods["method"] != RIVAL].sort_values(score, ascending=False, kind="stable")
+    if ranked.empty:
+        return None
     is_network = networks(ranked)
     is_mixed = bool(is_network.any() and not is_network.all())
     order = [ranked[is_network].iloc[0], ranked[~is_network].iloc[0]] if is_mixed else [*ranked.iloc[:2].iloc]
@@ -128,4 +159,6 @@ def _answer(
     if of_ours.empty:
         raise InputError(f"the table of scenes must have the PSNR of {ours}", got="no number")
     times = [float(row["numpy_ffts"]) for row in order] if "numpy_ffts" in methods else []
-    return Answer(kind, reference, ours, others[0] if others else None, is_mixed, gain, of_ours.to_dict(), times)
+    shares = [float(order[0].get(name, math.nan)) for name in ("explained", "explained_wide") if is_network.any()]
+    other = others[0] if others else None
+    return Answer(kind, reference, ours, other, is_mixed, gain, of_ours.to_dict(), times, *shares)

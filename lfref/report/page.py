@@ -52,7 +52,9 @@ class Section:
             tables.require(table)
 
 
-def write_page(path: str | Path, title: str, sections: Sequence[Section], facts: Mapping[str, object]) -> None:
+def write_page(
+    path: str | Path, title: str, sections: Sequence[Section], facts: Mapping[str, object], text: str = ""
+) -> None:
     """Write the page as one file, all or nothing.
 
     Args:
@@ -60,6 +62,7 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
         title: Heading of the page.
         sections: Sections in reading order; several get a list of their titles and answers.
         facts: Machine and versions, at the end of the page.
+        text: A paragraph below the heading.
     """
     page = jinja2.Environment(
         loader=jinja2.PackageLoader("lfref.report", "."),
@@ -71,7 +74,7 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], facts:
     page.filters |= {"heading": tables.heading, "cell": lambda value, column="": tables.format_cell(column, value)}
     page.filters |= {"png": _png, "breakable": _breakable}
     page.tests |= {"numeric": _is_numeric, "bold": lambda value: isinstance(value, tables.Bold)}
-    text = page.get_template("page.html").render(title=title, sections=sections, facts=facts)
+    text = page.get_template("page.html").render(title=title, text=text, sections=sections, facts=facts)
     atomic.write_text(Path(path), text.lstrip() + "\n")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from lfref.bench import engine_timing
+from lfref.bench import accuracy, engine_timing
 from lfref.bench.timing import FFT
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.report import accuracy_time, answers, bench_plots, crops, plots, stability_table, sweeps, tables
@@ -28,9 +28,16 @@ PICTURES = {
 }
 """Pictures of a training, those of earlier versions first -> their caption."""
 ACCURACY_COLUMNS = [
-    "method", "reference", "median_s", "numpy_ffts", "psnr_db", "median_psnr_db", "worst_plane_db", "worst_plane",
-    "worst_psnr_db", "worst_scene", "ssim", "delta_e", "brightness_error", "whole_psnr_db", "exact_psnr_db",
+    "method", "reference", "median_s", "numpy_ffts", "psnr_db", "nonzero_psnr_db", "explained", "explained_near",
+    "explained_wide", "median_psnr_db", "worst_plane_db", "worst_plane", "worst_psnr_db", "worst_scene", "ssim",
+    "nonzero_ssim", "delta_e", "brightness_error", "whole_psnr_db", "exact_psnr_db",
 ]  # fmt: skip
+SUMMARY_COLUMNS = ["mpsnr_db", "mssim", "nonzero_mpsnr_db", "nonzero_mssim", "colour_error"]
+"""Columns of a summary whose means over light fields are shown; tables of earlier versions have the first two."""
+EXPLAINED = (
+    "Explained is the share of the squared error of mean_of_views, no refocusing at all, that a method takes away, "
+    "without slope 0, where a sum of views is that mean: near focus up to slope 0.5, wide blur from 3. "
+)
 OPERATOR_COLUMNS = [
     "method", "input", "first_call_s", "median_s", "p10_s", "p90_s", "numpy_ffts", "ratio_to_same_in_numpy",
     "psnr_db", "max_error", "extra_bytes", "memory_ratio",
@@ -116,17 +123,18 @@ def evaluation(folder: Path) -> Section:
         if by_truth
         else "Labels are what a network can be trained on, and only truth and rendered are the picture of a lens. "
     )
-    text += "A method is left out where it is its own reference. PSNR is capped at 100 dB."
+    text += EXPLAINED + "A method is left out where it is its own reference. PSNR is capped at 100 dB."
     if parts != [folder]:
         _check_no_overlap(folder, summary)
         missing = sorted(path.parent.name for path in folder.glob(f"*/{CONFIG}") if path.parent not in parts)
         text += f" Jobs joined: {len(parts)}" + (f"; without a result: {', '.join(missing)}." if missing else ".")
     shown = tables.require_numbers(tables.judged_by_others(summary), "mpsnr_db", "mssim")
     groups = shown.groupby(plots.SERIES, sort=False, dropna=False)
-    means = groups.agg(mpsnr_db=("mpsnr_db", "mean"), mssim=("mssim", "mean"), light_fields=("mssim", "size"))
+    means = groups[[column for column in SUMMARY_COLUMNS if column in shown]].mean()
+    means = means.join(accuracy.explained(planes, plots.SERIES)).assign(light_fields=groups.size())
     n_fields = summary["light_field"].nunique()
     caption = "Means over all light fields" if n_fields > 1 else f"Figures of {summary['light_field'].iloc[0]}"
-    answer = answers.of_evaluation(summary)
+    answer = answers.of_evaluation(summary, planes)
     worst = summary["light_field"].iloc[0] if answer is None else answer.worst
     drawn = [path for part in parts for path in (part / "comparison").glob("*.png") if path.stem == worst]
     figures: dict[str, Figure | str | Path] = {}
@@ -143,7 +151,7 @@ def evaluation(folder: Path) -> Section:
 def _joined_crops(parts: Sequence[Path], answer: Answer) -> Mapping[str, Path]:
     """Crops of the run that evaluated the worst light field, if they show the methods of the answer."""
     for part in parts:
-        own = answers.of_evaluation(tables.read_table(part / SUMMARY))
+        own = answers.of_evaluation(*(tables.read_table(part / name) for name in (SUMMARY, PLANES)))
         if own is not None and (own.worst, own.ours, own.other) == (answer.worst, answer.ours, answer.other):
             return crops.read(part, answer)
     return {}
@@ -177,8 +185,8 @@ def benchmark(folder: Path) -> Section:
         "against the reference of each class. Truth is the picture of a lens: only by it there is a front. "
         "exact_fourier, used where no truth is known, shows how an operator forms the sum, and not how good the "
         "picture is; dense_integral, of all views of a capture, is evidence of the second rank: at edges it knows no "
-        "more than views do. A method is left out where it is its own reference. In a mean, a PSNR counts by at most "
-        "70 dB; the median and the worst plane stand beside it."
+        f"more than views do. {EXPLAINED}A method is left out where it is its own reference. In a mean, a PSNR counts "
+        "by at most 70 dB; the median and the worst plane stand beside it."
     )
     tables.require(rows, "method", "median_s", "class", "reference")
     classes = {str(name): group for name, group in rows.dropna(subset="class").groupby("class", sort=False)}

@@ -84,6 +84,10 @@ def _short(value: float) -> str:
     return f"{value:.0f}" if 1000 <= abs(value) < 1e15 else f"{value:#.3g}".rstrip(".")
 
 
+def _milliseconds(seconds: float) -> str:
+    return _short(1e3 * seconds)
+
+
 def _times(value: float) -> str:
     return f"{_short(value)}\N{MULTIPLICATION SIGN}"
 
@@ -122,6 +126,14 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "worst_scene": ("Worst scene", str),
     "mpsnr_db": ("MPSNR (dB)", _decibel),
     "mssim": ("MSSIM", "{:.4f}".format),
+    "nonzero_psnr_db": ("PSNR without slope 0 (dB)", _decibel),
+    "nonzero_ssim": ("SSIM without slope 0", "{:.4f}".format),
+    "nonzero_mpsnr_db": ("MPSNR without slope 0 (dB)", _decibel),
+    "nonzero_mssim": ("MSSIM without slope 0", "{:.4f}".format),
+    "explained": ("Explained", "{:.3f}".format),
+    "explained_near": ("Explained, near focus", "{:.3f}".format),
+    "explained_wide": ("Explained, wide blur", "{:.3f}".format),
+    "colour_error": ("Colour error", "{:.4f}".format),
     "light_fields": ("Light fields", _plain),
     "job": ("Job", str),
     "seed": ("Seed", str),
@@ -139,9 +151,9 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "training_ratio": ("Training time", _times),
     "training_s": ("Training", _duration),
     "stack_ffts": ("Stack (FFTs)", _short),
-    "median_s": ("Median (s)", _short),
-    "p10_s": ("P10 (s)", _short),
-    "p90_s": ("P90 (s)", _short),
+    "median_s": ("Median (ms)", _milliseconds),
+    "p10_s": ("P10 (ms)", _milliseconds),
+    "p90_s": ("P90 (ms)", _milliseconds),
     "numpy_ffts": ("Time (NumPy 4-D FFTs)", _short),
     "ratio_to_same_in_numpy": ("Speed-up over its NumPy twin", _times),
     "first_call_s": ("First call (s)", _short),
@@ -159,7 +171,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "network": ("Network", str),
     "engine": ("Engine", str),
     "start_s": ("Start (s)", _short),
-    "min_s": ("Fastest (s)", _short),
+    "min_s": ("Fastest (ms)", _milliseconds),
     "ratio_to_eager": ("Speed-up over eager fp32", _times),
     "loss_db": ("Lost (dB)", "{:.3f}".format),
     "agreement_db": ("PSNR against eager fp32 (dB)", _decibel),

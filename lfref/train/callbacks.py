@@ -1,7 +1,7 @@
 """Callbacks, logger and checkpoint files of a training.
 
-`StepGuard` keeps numbers that are not finite out of weights and checkpoints; `HeadInitialization` starts the last
-convolution; `StackPictures` shows progress; `Pace` logs learning rate and speed; `RankAgreement` compares the processes
+`StepGuard` keeps numbers that are not finite out of weights and checkpoints; `Initialization` starts the weights;
+`StackPictures` shows progress; `Pace` logs learning rate and speed; `RankAgreement` compares the processes
 of a distributed run; `TrainingRecord` notes time and size.
 The module stands apart from the command, since configurations name its classes.
 """
@@ -204,27 +204,35 @@ def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:
             raise LfrefError(f"weights must be finite; {name} is not", remedy=remedy)
 
 
-class HeadInitialization(Callback):
-    """Scales the network's last layer by the first finite batch, so that no output channel of RefNet starts dead."""
+class Initialization(Callback):
+    """Starts a new network's weights on crops of its first batches (`lfref.nets.network.Network.initialize`).
 
-    def __init__(self) -> None:
-        self._is_due = False
+    Args:
+        n_crops: Crops of all processes together, at least 1; fewer if an epoch has fewer.
+
+    Raises:
+        InputError: The number is below 1.
+    """
+
+    def __init__(self, n_crops: int = 24) -> None:
+        if n_crops < 1:
+            raise InputError("n_crops must be at least 1", got=n_crops)
+        self.n_crops = n_crops
 
     def on_train_start(self, trainer: Trainer, module: Any) -> None:
-        """Note whether the run is new: a resumed run keeps its last layer."""
-        self._is_due = trainer.global_step == 0
-
-    def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Batch, batch_index: int) -> None:
-        """Initialise once, by the first batch that is finite in every process."""
-        if not self._is_due:
+        """Start the weights of a new run; a resumed run keeps its own. Training sees the same batches again."""
+        if trainer.global_step > 0:
             return
-        is_finite = all(bool(each.all()) for each in finite_patches(batch).values())
-        if not trainer.strategy.reduce_boolean_decision(is_finite):
-            return
-        self._is_due = False
-        # Sums over the processes give all of them the start that the whole batch would give.
+        views, labels = [], []
+        for batch in map(trainer.strategy.batch_to_device, trainer.train_dataloader):  # type: ignore[arg-type]
+            is_finite = torch.stack(list(finite_patches(batch).values())).all(0)
+            views.append(batch["views"][is_finite])
+            labels.append(batch["labels"][is_finite])
+            if trainer.world_size * sum(map(len, views)) >= self.n_crops:
+                break
+        # Sums over the processes give all of them the start that all crops together would give.
         total = functools.partial(trainer.strategy.reduce, reduce_op="sum")
-        module.net.prime(batch["views"], batch["slopes"], batch["labels"], total)
+        module.net.initialize(torch.cat(views), batch["slopes"], torch.cat(labels), total)
 
 
 class HeldOutPatch(NamedTuple):

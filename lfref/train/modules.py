@@ -3,7 +3,8 @@
 import abc
 import contextlib
 import csv
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import torch
 from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 from torch.optim import Optimizer
-from torch.optim.lr_scheduler import CosineAnnealingLR, CyclicLR, LRScheduler, OneCycleLR
+from torch.optim.lr_scheduler import CosineAnnealingLR, CyclicLR, LambdaLR, LRScheduler, OneCycleLR
 from torchmetrics import Metric
 
 from lfref.data.patch_data import Batch
@@ -21,15 +22,20 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.losses.composite import TERMS, CompositeLoss, RelativeError
-from lfref.metrics.stack import MPSNR, MSSIM
+from lfref.metrics.stack import GROUPS, MPSNR, MSSIM, Explained
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
 from lfref.nets.refiner import Corrector
 from lfref.refocuser.features import channels, renamed
 
-OptimizerFactory = Callable[[Iterator[nn.Parameter]], Optimizer]
+OptimizerFactory = Callable[[list[dict[str, Any]]], Optimizer]
+"""Makes an optimiser from groups of parameters."""
 SchedulerFactory = Callable[[Optimizer], LRScheduler]
-RESERVED = frozenset({"loss", "mpsnr", "mssim", "gain", *TERMS})
+EXPLAINED = {group: "val/explained" if group == "all" else f"val/explained_{group}" for group in GROUPS}
+"""Names under which the share explained is logged, by the group of planes."""
+RESERVED = frozenset(
+    {"loss", "mpsnr", "mssim", "gain", *(name.removeprefix("val/") for name in EXPLAINED.values()), *TERMS}
+)
 """Names of the values that validation logs anyway."""
 LOSS, MPSNR_OF_STACK, MSSIM_OF_STACK = "loss", "val/mpsnr", "val/mssim"
 """Names of logged values: `train/loss` and `val/loss`, and the quality of the stacks of validation."""
@@ -51,6 +57,9 @@ class Fitting(LightningModule, abc.ABC):
     Raises:
         InputError: A metric has the name of a value that is logged anyway.
     """
+
+    end_rate = 1.0
+    """Learning rate of the second group of parameters, as a share of that of the first."""
 
     def __init__(
         self,
@@ -115,7 +124,7 @@ class Fitting(LightningModule, abc.ABC):
         Raises:
             InputError: The settings do not fit the optimiser or the schedule.
         """
-        optimizer, schedule = self._optimization(self.net.parameters())
+        optimizer, schedule = self._optimization(self.parameter_groups())
         stepped = {"scheduler": schedule, "interval": interval_of(schedule)}
         return {"optimizer": optimizer} | ({"lr_scheduler": stepped} if schedule else {})
 
@@ -133,17 +142,23 @@ class Fitting(LightningModule, abc.ABC):
             "epoch": checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"],
             "step": checkpoint["global_step"],
         }
-        optimizer, schedule = self._optimization(iter([nn.Parameter(torch.zeros(()))]))
+        optimizer, schedule = self._optimization([[nn.Parameter(torch.zeros(()))] for _ in self.parameter_groups()])
         refit(checkpoint, optimizer, schedule, n_steps[interval_of(schedule)])
 
-    def _optimization(self, parameters: Iterator[nn.Parameter]) -> tuple[Optimizer, LRScheduler | None]:
+    def parameter_groups(self) -> list[list[nn.Parameter]]:
+        """Parameters of the network in groups; the second group, if any, learns at `end_rate` of the rate."""
+        return [list(self.net.parameters())]
+
+    def _optimization(self, groups: list[list[nn.Parameter]]) -> tuple[Optimizer, LRScheduler | None]:
         try:
-            optimizer = self.optimizer(parameters)
+            optimizer = self.optimizer([{"params": group} for group in groups])
+            for group in optimizer.param_groups[1:]:
+                group["lr"] *= self.end_rate
             schedule = self.scheduler(optimizer) if self.scheduler else None
         except (TypeError, ValueError, ZeroDivisionError) as error:
             raise InputError("optimizer and scheduler must have settings that fit them", got=error) from error
         if isinstance(schedule, CosineAnnealingLR) and schedule.T_max < 1:  # it would jump between the rate and 0
-            remedy = "set trainer.max_epochs, or take scheduler=one_cycle, which counts steps"
+            remedy = "set trainer.max_epochs, or take scheduler=warmup_cosine, which counts steps"
             raise InputError("scheduler=cosine needs at least one epoch", got=f"T_max={schedule.T_max}", remedy=remedy)
         return optimizer, schedule
 
@@ -157,6 +172,9 @@ class Refocusing(Fitting):
         planes: Planes of the labels; they go into every checkpoint.
         optimizer: Function that makes the optimiser from the parameters.
         scheduler: Function that makes the schedule of its learning rate (`interval_of`); None keeps the rate.
+        end_rate: Learning rate of the network's first and last layers, as a share of the rate of the others. Inputs of
+            RefNet's last convolution are positive and large: one step of Adam at the full rate would move an output
+            by more than the range of most pictures.
         is_linear: Whether the data are linear light or encoded samples; this goes into every checkpoint.
         metrics: Further metrics of refocused images by name, logged as `val/NAME`.
 
@@ -171,16 +189,29 @@ class Refocusing(Fitting):
         planes: FocalPlanes,
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
+        end_rate: float = 1.0,
         is_linear: bool = True,
         metrics: Mapping[str, Metric] | None = None,
     ) -> None:
         super().__init__(net, optimizer, scheduler, metrics)
+        if not 0 <= end_rate < math.inf:
+            raise InputError("end_rate must be finite and at least 0", got=end_rate)
         checkpoints.check_number(net, planes)
+        self.end_rate = end_rate
         self.loss = loss
         self.planes = planes
         self.is_linear = is_linear
         self.mpsnr = MPSNR(n_planes=len(planes))
         self.mssim = MSSIM(n_planes=len(planes))
+        self.explained = nn.ModuleList(Explained(planes.values, group) for group in GROUPS)
+
+    def parameter_groups(self) -> list[list[nn.Parameter]]:
+        """As in `Fitting`: the first and last layers learn slowly, unless `end_rate` is 1."""
+        ends = [] if self.end_rate == 1 else list(self.net.ends())
+        if not ends:
+            return super().parameter_groups()
+        slow = {id(parameter) for parameter in ends}
+        return [[parameter for parameter in self.net.parameters() if id(parameter) not in slow], ends]
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
         """The loss of one batch; every term is logged by its name."""
@@ -193,6 +224,12 @@ class Refocusing(Fitting):
         for name, metric in ((MPSNR_OF_STACK, self.mpsnr), (MSSIM_OF_STACK, self.mssim)):
             metric.update(stack, batch["labels"])
             self.log(name, metric, prog_bar=True)
+        mean = batch["views"].mean((1, 2))
+        for group, share in zip(GROUPS, self.explained, strict=True):
+            assert isinstance(share, Explained)
+            if any(share.planes):
+                share.update(stack, batch["labels"], mean)
+                self.log(EXPLAINED[group], share, prog_bar=group == "all")
         self.update_metrics(stack, batch["labels"])
         return stack
 
@@ -319,7 +356,31 @@ def _wrong_loss(got: str) -> InputError:
 
 def interval_of(schedule: LRScheduler | None) -> str:
     """When a schedule is stepped: each `step` if its length is a number of steps, else each `epoch`."""
-    return "step" if isinstance(schedule, OneCycleLR | CyclicLR) else "epoch"
+    return "step" if isinstance(schedule, WarmupCosine | OneCycleLR | CyclicLR) else "epoch"
+
+
+class WarmupCosine(LambdaLR):
+    """Each group's learning rate rises along a line, and falls to 0 as a cosine does.
+
+    Args:
+        optimizer: The optimiser.
+        total_steps: Steps of the whole training, at least 1.
+        warmup: Share of them in which the rate rises, [0, 1).
+
+    Raises:
+        ValueError: A number is out of range.
+    """
+
+    def __init__(self, optimizer: Optimizer, total_steps: int, warmup: float = 0.05) -> None:
+        if total_steps < 1 or not 0 <= warmup < 1:
+            raise ValueError(f"WarmupCosine needs total_steps >= 1 and 0 <= warmup < 1; got {total_steps}, {warmup}")
+        n_warm = max(1, round(warmup * total_steps))
+
+        def factor(step: int) -> float:
+            done = min(1.0, (step - n_warm) / max(1, total_steps - n_warm))
+            return (step + 1) / (n_warm + 1) if step < n_warm else (1 + math.cos(math.pi * done)) / 2
+
+        super().__init__(optimizer, factor)
 
 
 def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
@@ -338,9 +399,9 @@ def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRSchedule
             optimizer.step()  # a schedule that is stepped before its optimiser warns
             schedule.step()
     checkpoint["lr_schedulers"] = [] if schedule is None else [schedule.state_dict()]
-    (settings,) = optimizer.param_groups
-    for group in (group for saved in checkpoint["optimizer_states"] for group in saved["param_groups"]):
-        group.update({name: value for name, value in settings.items() if name != "params"})
+    for saved in checkpoint["optimizer_states"]:
+        for group, settings in zip(saved["param_groups"], optimizer.param_groups, strict=True):
+            group.update({name: value for name, value in settings.items() if name != "params"})
 
 
 def cut_log(path: Path, step: int) -> None:

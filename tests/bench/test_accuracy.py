@@ -52,21 +52,61 @@ def test_planes_given_as_slopes_have_no_alpha():
     assert [(row["alpha"], row["slope"]) for row in rows] == [(None, -1.0), (None, 0.5)]
 
 
-def test_summaries_are_means_over_the_planes_of_each_group():
-    columns = ["light_field", "method", "reference", "psnr_db", "ssim"]
-    rows = [
-        ("a", "net", "sum", 30.0, 0.5),
-        ("b", "net", "sum", 10.0, 0.1),
-        ("a", "net", "slice", 20.0, 0.25),
-        ("a", "net", "sum", 70.0, 1.0),
+def test_a_colour_error_is_that_of_the_means_of_the_channels_and_black_ones_do_not_count():
+    label = torch.tensor([0.5, 0.2, 0.0])[:, None, None].expand(2, 3, 12, 12)
+    noise = 0.1 * (-1) ** torch.arange(12.0)  # of mean 0
+    stack = label + noise + torch.tensor([[0.05, -0.04, 0.3], [0.0, 0.0, 0.0]])[..., None, None]
+    # The red is .05 of .5 off, the green .04 of .2; the blue has no brightness to be a share of.
+    assert accuracy.colour_error(stack, label).tolist() == pytest.approx([(0.1 + 0.2) / 2, 0], abs=1e-6)
+    assert accuracy.colour_error(stack, torch.zeros(2, 3, 12, 12)).isnan().all()
+    row = next(accuracy.plane_rows("field", {"a": stack}, {"b": label}, PLANES))
+    assert row["colour_error"] == pytest.approx(0.15)
+
+
+def plane_table(*rows):
+    columns = ["light_field", "method", "reference", "slope", "psnr_db", "ssim", "colour_error"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def test_summaries_are_means_over_the_planes_of_each_group_also_without_slope_0():
+    summary = accuracy.summaries(
+        plane_table(
+            ("a", "net", "sum", 0.0, 30.0, 0.5, 0.1),
+            ("b", "net", "sum", 0.0, 10.0, 0.1, 0.0),
+            ("a", "net", "slice", -1.0, 20.0, 0.25, 0.5),
+            ("a", "net", "sum", 0.5, 70.0, 1.0, 0.3),
+        )
+    )
+    assert summary.columns.tolist() == [
+        "light_field", "method", "reference", "mpsnr_db", "mssim", "nonzero_mpsnr_db", "nonzero_mssim",
+        "explained", "explained_near", "explained_wide", "colour_error",
+    ]  # fmt: skip
+    assert summary["explained"].isna().all()  # there is no mean of views
+    shown = summary.drop(columns=["explained", "explained_near", "explained_wide"]).fillna(-1)
+    assert shown.round(9).to_numpy().tolist() == [
+        ["a", "net", "sum", 50.0, 0.75, 70.0, 1.0, 0.2],
+        ["b", "net", "sum", 10.0, 0.1, -1, -1, 0.0],  # has slope 0 only
+        ["a", "net", "slice", 20.0, 0.25, 20.0, 0.25, 0.5],
     ]
-    summary = accuracy.summaries(pd.DataFrame(rows, columns=columns))
-    assert summary.columns.tolist() == ["light_field", "method", "reference", "mpsnr_db", "mssim"]
-    assert summary.to_numpy().tolist() == [
-        ["a", "net", "sum", 50.0, 0.75],
-        ["b", "net", "sum", 10.0, 0.1],
-        ["a", "net", "slice", 20.0, 0.25],
-    ]
+
+
+def test_the_share_explained_is_of_sums_of_squared_errors_without_slope_0():
+    # Squared errors: 1e-1 at 10 dB, 1e-2 at 20 dB, 1e-3 at 30 dB.
+    planes = plane_table(
+        *(("a", "mean_of_views", "sum", *plane, 0, 0) for plane in ((0, 100), (0.5, 20), (-1, 20), (-3, 10))),
+        *(("a", "net", "sum", *plane, 0, 0) for plane in ((0, 10), (0.5, 30), (-1, 10), (-3, 20))),
+        ("b", "mean_of_views", "sum", 0.25, 20, 0, 0),
+        ("b", "net", "sum", 0.25, 10, 0, 0),
+        ("b", "broken", "sum", 0.25, float("nan"), 0, 0),
+    )  # fmt: skip
+    names = ["explained", "explained_near", "explained_wide"]
+    summary = accuracy.summaries(planes).set_index(["light_field", "method"])[names].fillna(9)
+    assert summary.loc["a", "net"].tolist() == pytest.approx([1 - 0.111 / 0.12, 1 - 0.001 / 0.01, 1 - 0.01 / 0.1])
+    assert summary.loc["b", "net"].tolist() == pytest.approx([-9, -9, 9])  # no wide plane
+    assert summary.loc["a", "mean_of_views"].tolist() == [0, 0, 0]
+    assert summary.loc["b", "broken"].tolist() == [-float("inf"), -float("inf"), 9]
+    both = accuracy.explained(planes, ["method", "reference"]).loc["net", "sum"].tolist()
+    assert both == pytest.approx([1 - 0.211 / 0.13, 1 - 0.101 / 0.02, 0.9])
 
 
 def test_interior_errors_are_the_mean_psnr_and_the_largest_difference():

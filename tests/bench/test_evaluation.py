@@ -256,6 +256,20 @@ def test_classes_are_means_over_all_and_name_the_worst_scene_and_brightness():
     ]  # fmt: skip
 
 
+def test_classes_have_their_means_without_slope_0_and_the_share_explained():
+    rows = table()
+    rival = rows[:4].assign(method="mean_of_views", psnr_db=[20.0, 20.0, 10.0, 100.0], ssim=0.1)
+    rows = pd.concat([rows, rival], ignore_index=True)
+    rows["slope"] = rows["slope"].replace(0.5, 0.0)
+    summary = evaluation.by_class(rows).set_index(["class", "method"])
+    # Planes at slope -1: the sum has 40 and 30 dB, the mean of the views 20 and 10 dB.
+    assert summary.loc[("ideal", "sum"), ["nonzero_psnr_db", "nonzero_ssim"]].tolist() == [35.0, 0.5]
+    assert summary["explained"]["ideal", "sum"] == pytest.approx(1 - (1e-4 + 1e-3) / (1e-2 + 1e-1))
+    assert summary["explained"]["ideal", "mean_of_views"] == 0
+    assert summary[["explained_near", "explained_wide"]].isna().all(axis=None)
+    assert math.isnan(summary["explained"]["sensor", "sum"])  # this class has no mean of views
+
+
 def test_in_means_a_psnr_counts_by_at_most_70_db_and_medians_and_worst_cases_are_not_capped():
     rows = table()[:4].assign(psnr_db=[100.0, 90.0, 40.0, 80.0])
     (summary,) = evaluation.by_class(rows).itertuples()

@@ -15,6 +15,8 @@ from lfref.io.read import read, read_stack
 from lfref.refocus import apertures
 from lfref.refocus.focus.all_in_focus import extended_focus
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.report import answers
+from lfref.report.tables import read_table
 from tests.cli.conftest import TINY
 from tests.cli.test_bad_input import assert_one_line
 
@@ -116,19 +118,24 @@ def test_refocus_corrects_a_reversed_axis_of_views_or_warns_of_it(lfref, trained
     assert "its views in another order: give reader.reverse_v=true" in log.read_text()
 
 
-def test_eval_writes_every_plane_and_the_means_and_has_a_classical_method_beside_a_network(lfref, trained):
+def test_eval_writes_every_plane_and_the_means_and_has_two_methods_beside_a_network(lfref, trained):
     checkpoint = trained / "run" / "checkpoints" / "best.ckpt"
     words = (f"input={trained}/scenes", f"checkpoint={checkpoint}", "+method@methods.s=shift_and_sum")
     assert lfref("eval", f"output={trained}/eval", *words)[0] == 0
     planes, summary = (table(trained / "eval" / f"{name}.csv") for name in ("planes", "summary"))
-    assert len(planes) == 2 * 3 * 2 * 16
-    assert len(summary) == 2 * 3 * 2
+    assert len(planes) == 2 * 4 * 2 * 16
+    assert len(summary) == 2 * 4 * 2
     kinds = {row["method"]: row["is_network"] for row in summary}
-    assert kinds == {"run": "True", "shift_and_sum_through_cells": "False", "shift_and_sum": "False"}
+    classical = ("shift_and_sum_through_cells", "mean_of_views", "shift_and_sum")
+    assert kinds == {"run": "True"} | dict.fromkeys(classical, "False")
     assert len([*(trained / "eval" / "crops").glob("*.png")]) == 5
     assert json.loads((trained / "eval" / "machine.json").read_text())["torch"] == timing.version("torch")
     own = [row for row in planes if row["method"] == row["reference"] == "shift_and_sum"]
     assert {float(row["psnr_db"]) for row in own} == {100.0}
+    answer = answers.of_evaluation(*(read_table(trained / "eval" / f"{name}.csv") for name in ("summary", "planes")))
+    assert answer.ours == "run"
+    assert answer.explained < 1
+    assert answer.sentence in (trained / "eval" / "eval.log").read_text()
     mean = sum(float(row["psnr_db"]) for row in planes[:16]) / 16
     assert float(summary[0]["mpsnr_db"]) == pytest.approx(mean)
     for picture in ("scatter.png", "quality_by_plane.png", "comparison/simulated_s0_e0_000.png"):
@@ -153,7 +160,7 @@ def test_bench_measures_every_method_beside_numpys_fft(lfref, trained):
 
 def test_report_gathers_everything_into_one_page(lfref, trained):
     if not (trained / "eval").exists():
-        test_eval_writes_every_plane_and_the_means_and_has_a_classical_method_beside_a_network(lfref, trained)
+        test_eval_writes_every_plane_and_the_means_and_has_two_methods_beside_a_network(lfref, trained)
     if not (trained / "bench").exists():
         test_bench_measures_every_method_beside_numpys_fft(lfref, trained)
     runs = ",".join(f"{trained}/{name}" for name in ("run", "eval", "bench"))

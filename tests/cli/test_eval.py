@@ -75,6 +75,7 @@ def test_a_share_without_light_fields_is_no_failure(lfref, captures, tmp_path):
 def test_methods_and_references_that_are_null_are_left_out(lfref, captures, tmp_path):
     words = ("eval", captures / "third", "+method@methods.s=shift_and_sum", "slopes=[-0.3,0.4]")
     words += ("methods.shift_and_sum_through_cells=null", "references.shift_and_sum=null", f"output={tmp_path}/out")
+    words += ("~methods.mean_of_views",)
     status, error = lfref(*words)
     assert status == 0, error
     table = pd.read_csv(tmp_path / "out" / "planes.csv")
@@ -90,7 +91,7 @@ def test_a_method_of_another_size_is_named_and_leaves_no_rows(lfref, captures, t
 
 
 def test_nothing_but_null_to_evaluate_is_one_line(lfref, captures, tmp_path):
-    words = ("methods.shift_and_sum_through_cells=null", f"output={tmp_path}/out", *QUICK)
+    words = ("methods.shift_and_sum_through_cells=null", "methods.mean_of_views=null", f"output={tmp_path}/out", *QUICK)
     assert "there must be something to evaluate" in assert_one_line(*lfref("eval", captures / "third", *words))
 
 
@@ -106,6 +107,12 @@ def test_the_truth_is_one_more_reference_and_judges_first(lfref, tmp_path):
         truth, planes = read_stack(tmp_path / "scenes" / "truth" / f"{row.light_field}.exr")
         stack = shift_and_sum(read(tmp_path / "scenes" / row.light_field).views, planes.slopes)
         assert row.mpsnr_db == pytest.approx(float(psnr(stack, truth).mean()), abs=1e-3)
+    rival = summary[summary["method"] == "mean_of_views"]
+    assert rival["reference"].tolist() == ["shift_and_sum", "truth"] * 2
+    assert (rival["explained"] == 0).all()
+    judged = summary[(summary["reference"] == "truth") & (summary["method"] != "mean_of_views")]
+    assert (judged["explained"] > 0.5).all()
+    assert (judged["nonzero_mpsnr_db"] == judged["mpsnr_db"]).all()  # no plane has slope 0
     assert "On 2 light fields, shift_and_sum" in (tmp_path / "out" / "eval.log").read_text()
     line = assert_one_line(*lfref(*words, f"truth={tmp_path}/scenes/truth", "slopes=[0]", f"output={tmp_path}/other"))
     assert "truth must be 1 plane of 64x72, slope 0" in line or "all 2 light fields must be usable" in line

@@ -6,19 +6,25 @@ import sys
 
 import pandas as pd
 import pytest
+import torch
 import wandb
 import yaml
 
+from lfref.bench.evaluation import EvaluationCase
 from lfref.cli import config as configs
 from lfref.cli import train as command
 from lfref.errors import CheckpointError
-from lfref.report import tables
+from lfref.lightfield import LightField
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.train.modules import Refining, Refocusing
 from tests.cli.conftest import TINY, TINY_DATA
 from tests.conftest import ROOT
 
 sys.path.append(str(ROOT / "docs"))
-ablations, gpu, paper, training = (importlib.import_module(name) for name in ("ablations", "gpu", "paper", "training"))
+ablations, experiments, gpu, paper, training = (
+    importlib.import_module(name) for name in ("ablations", "experiments", "gpu", "paper", "training")
+)
 
 FAST = (
     "trainer.fast_dev_run=1",
@@ -28,9 +34,15 @@ FAST = (
     "~callbacks.best",
     "~callbacks.last",
 )
+WHOLE = ("data.patch=64", "data.cache_folder=null", "trainer.precision=32-true")
+"""Crops that the views of alpha .125 do not leave, no scenes kept, and a precision that Lightning's summary knows."""
 EXPERIMENTS = sorted(
     path.stem for path in (configs.directory() / "experiment").glob("*.yaml") if path.stem != "refiner"
 )
+
+
+MEMBERS = list(ablations.members(1))
+RUNS = ablations.RUNS
 
 
 def thinned(choices):
@@ -63,7 +75,7 @@ def losses(monkeypatch):
 
 @pytest.mark.parametrize("experiment", thinned(EXPERIMENTS))
 def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, experiment):
-    config = composed("train", f"experiment={experiment}", *TINY_DATA, *FAST)
+    config = composed("train", f"experiment={experiment}", *TINY_DATA, *WHOLE, *FAST)
     command.train(config, tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
     assert wandb.run is None
@@ -107,21 +119,28 @@ def test_every_sweep_member_passes_a_fast_dev_run(composed, tmp_path, losses, me
     assert [bool(loss.isfinite()) for loss in losses] == [True]
 
 
-@pytest.mark.parametrize("variant", thinned(ablations.VARIANTS))
-def test_every_variant_of_the_page_on_ablations_passes_a_fast_dev_run(composed, tmp_path, losses, variant):
-    member = ablations.Member(variant, "long", 0, 0.002)
-    config = composed("train", *member.overrides, *TINY_DATA, "net.stem_width=16", *FAST)
-    assert config.optimizer.lr == 0.002
-    command.train(config, tmp_path)
+@pytest.mark.parametrize("member", thinned(MEMBERS), ids=lambda member: member.variant)
+def test_every_variant_of_the_page_on_ablations_passes_a_fast_dev_run(composed, tmp_path, losses, member):
+    small = ("net.widths=[8,8]", "net.stem_width=8")
+    command.train(composed("train", *member.overrides, *TINY_DATA, *WHOLE, *small, *FAST), tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
 
 
-def test_every_network_of_the_pages_has_a_folder_of_its_own_and_one_setup():
-    assert len(paper.Experiment().overrides_by_run()) == 4 * 3
-    members = [*ablations.tuning(), *(ablations.Member(variant, length, seed, 0.002) for variant in ablations.VARIANTS
-               for length in ablations.LENGTHS for seed in range(ablations.N_SEEDS))]  # fmt: skip
-    assert len({member.folder(ablations.RUNS) for member in members}) == len(members)
-    assert len({" ".join(member.overrides) for member in members}) == len(members)
+def test_every_training_of_the_ablations_has_a_setup_of_its_own_seed_by_seed():
+    members = [*MEMBERS, *(member for member in ablations.members(2) if member.seed == 1)]
+    assert members == list(ablations.members(2))
+    assert len({member.setup for member in members}) == len({member.folder(RUNS) for member in members}) == len(members)
+    other = next(ablations.members(1, ["trainer.max_steps=3"]))
+    assert (other.variant, other.seed) == (members[0].variant, members[0].seed)
+    assert other.setup != members[0].setup
+
+
+def test_experiments_of_the_paper_make_its_choices(composed):
+    for name in ("paper_shift_and_sum", "paper_fourier_slice"):
+        config = composed("train", f"experiment={name}")
+        net = config.net
+        assert (net.initialization, net.dilation, net.padding, config.task.end_rate) == ("random", 1, "zeros", 1)
+        assert (net.n_blocks, net.activation, net.normalization) == (11, "softplus", "instance")
 
 
 @pytest.mark.parametrize("size", [gpu.FULL, gpu.TRIAL], ids=["full", "trial"])
@@ -152,55 +171,44 @@ def test_a_step_that_was_stopped_does_not_keep_the_others_waiting(tmp_path, monk
     assert "ZeroDivisionError" in (tmp_path / "wrong.log").read_text()
 
 
-@pytest.fixture
-def results(tmp_path):
-    """Results of two variants; `relu` is better by 1 and 2 dB, at another rate."""
-    found = ablations.Results(tmp_path / "results.csv")
-    for variant, best in ((ablations.PAPER, 0.002), ("relu", 0.0006)):
-        for rate in ablations.RATES:
-            found.add(
-                ablations.Member(variant, "short", ablations.TUNING_SEED, rate), {"val_mpsnr_db": -abs(rate - best)}
-            )
-        for seed in (0, 1):
-            value = 20 + seed + (seed + 1) * (variant == "relu")
-            measured = dict.fromkeys(("psnr_db", "wide_db", "focus_db", "delta_e"), value)
-            found.add(ablations.Member(variant, "short", seed, best), {"val_mpsnr_db": 1, **measured})
-    return found
+BASE, RELU = "base", "relu"
 
 
-def test_each_variant_has_the_rate_that_its_validation_chose(results):
-    assert results.best_rate("relu") == 0.0006
-    assert results.best_rate("gelu") is None
-    # A training at another rate does not count.
-    results.add(ablations.Member("relu", "short", 0, 0.006), {"val_mpsnr_db": 9, "psnr_db": 90})
-    assert sorted(results.of("short")["psnr_db"]) == [20, 21, 21, 23]
+def result(member):
+    """The row of a training; `relu` is better than the base by 1 dB with seed 0, by 2 dB with seed 1."""
+    better = (member.seed + 1) * (member.variant == RELU)
+    measures = dict.fromkeys(ablations.MEASURES, 0.5) | {"label_psnr_db": 40.0 + member.seed + better}
+    return dict(zip(ablations.KEY, member, strict=False)) | measures | {"n_parameters": 1000, "training_s": 3}
 
 
-def test_results_are_kept_and_not_trained_again(results):
-    again, member = ablations.Results(results.path), ablations.Member("relu", "short", 1, 0.0006)
-    assert again.has(member)
-    assert not again.has(ablations.Member("relu", "long", 1, 0.0006))
-    n_rows = len(again.rows)
-    again.rows.loc[again.rows["variant"] == "relu", "setup"] = "of another version"
-    assert not again.has(member)
-    again.add(member, {"val_mpsnr_db": 2})
-    assert len(again.rows) == n_rows
-    assert ablations.Results(results.path).has(member)
+def test_what_is_missing_is_trained_and_each_row_is_kept_as_it_comes(tmp_path):
+    path, tried, members = tmp_path / "results.csv", [], list(ablations.members(2))
+
+    def row(member):
+        tried.append(member)
+        if member.variant == "gelu":
+            raise SystemExit("stopped")
+        return result(member)
+
+    with pytest.raises(SystemExit, match="stopped"):
+        ablations.train(members, path, 1, row)
+    assert [member.variant for member in tried[:3]] == [BASE, RELU, "gelu"]
+    assert list(ablations.results(path)["variant"]) == [BASE, RELU]
+    tried.clear()
+    ablations.train(members[:2], path, 1, row)
+    assert tried == []
+    # Another setup replaces the row of the same variant and seed, and nothing else.
+    changed = members[1]._replace(setup="another")
+    ablations.train([changed], path, 1, row)
+    assert tried == [changed]
+    assert len(ablations.of(members, ablations.results(path))) == 1
+    assert len(ablations.results(path)) == 2
 
 
-def test_results_by_another_truth_do_not_count(results, monkeypatch):
-    monkeypatch.setattr(ablations, "EXPERIMENT", "180 fields of 128 px, sim30 of another version")
-    again = ablations.Results(results.path)
-    assert not again.has(ablations.Member("relu", "short", 1, 0.0006))
-    assert again.best_rate("relu") is None
-
-
-def test_the_results_of_the_page_are_of_one_experiment_and_its_variants():
-    rows = tables.read_table(ablations.RESULTS).astype({"seed": int})
-    assert rows["experiment"].nunique() == 1
-    for row in rows.to_dict("records"):
-        member = ablations.Member(*(row[name] for name in ablations.KEY))
-        assert row["setup"] == " ".join(member.overrides)
+def test_the_results_of_the_page_are_those_of_its_variants():
+    rows = ablations.results(ablations.RESULTS)
+    assert set(rows["variant"]) <= set(ablations.VARIANTS)
+    assert not rows.duplicated(["variant", "seed"]).any()
 
 
 @pytest.mark.parametrize("words", [["net.activation=silu"], ["--scenes", "twigs"]])
@@ -211,31 +219,51 @@ def test_other_setups_cannot_mix_with_the_results_of_the_page(monkeypatch, capsy
     assert "need --runs elsewhere" in capsys.readouterr().err
 
 
-def test_the_table_of_ablations_has_paired_intervals(results, monkeypatch):
-    monkeypatch.setattr(ablations, "VARIANTS", {ablations.PAPER: (), "relu": ()})
-    sizes = pd.DataFrame({"variant": [ablations.PAPER, "relu"], "n_parameters": [1000, 2000], "units": [0.5, 0.25]})
-    rows = list(ablations.table(results, sizes))
-    cells = [[cell.strip() for cell in row.split("|")[1:-1]] for row in rows[2:4]]
-    not_trained = [tables.DASH] * 3
-    assert cells[0] == [ablations.PAPER, "1,000", "0.50", "0.002", "20.5 ± 0.7", "", tables.DASH, "", *not_trained]
+@pytest.mark.parametrize(("n_seeds", "mean", "less"), [(1, "41.0", "+1.0"), (2, "42.0 ± 1.4", "+1.5 (-4.9 to +7.9)")])
+def test_the_table_of_ablations_has_paired_intervals_from_two_seeds_on(monkeypatch, n_seeds, mean, less):
+    monkeypatch.setattr(ablations, "VARIANTS", {BASE: (), RELU: ()})
+    methods = [{"variant": name, "seed": 0, **dict.fromkeys(ablations.MEASURES, 0.25)} for name in ablations.METHODS]
+    rows = pd.DataFrame([*methods, *(result(member) for member in ablations.members(n_seeds))])
+    lines = ablations.table(rows, dict.fromkeys(rows["variant"], "9 (0.01)"))
+    cells = {line.split(" | ")[0].strip("| "): line.strip("| ").split(" | ") for line in lines if line.startswith("|")}
     # Of the differences 1 and 2: mean 1.5, deviation 1 / sqrt 2, t = 12.71 of one degree of freedom.
-    relu = ["relu", "2,000", "0.25", "0.0006", "22.0 ± 1.4", "+1.5 (-4.9 to +7.9)", tables.DASH, tables.DASH]
-    assert cells[1] == [*relu, *not_trained]
+    assert cells[RELU][1] == mean
+    assert cells[RELU][-3:] == [less, "1,000", "9 (0.01)"]
+    assert cells[BASE][-3] == ""
+    assert cells["mean_of_views"][1] == "0.2"
+
+
+def test_a_network_is_beside_the_mean_of_the_views_and_its_labels():
+    light = LightField(torch.rand(7, 7, 3, 48, 56), "noise")
+    case = EvaluationCase(
+        "ideal", light, experiments.CLASSICAL["occlusion_aware"](light, experiments.PLANES.slopes), "truth"
+    )
+    perfect = OperatorRefocuser(f"{experiments.NETWORKS['shift_and_sum']}{experiments.SEED}0", shift_and_sum)
+    rows = experiments.plane_rows(
+        [case], [*(experiments.CLASSICAL[name] for name in paper.METHODS), perfect], paper.LABELS
+    )
+    scores = paper.scored(rows)
+    own = paper.of(scores, experiments.NETWORKS["shift_and_sum"], "shift_and_sum").iloc[0]
+    rival = paper.of(scores, "mean_of_views", "shift_and_sum").iloc[0]
+    assert (own["explained"], own["n_db"], own["n_ssim"]) == (pytest.approx(1), 1, 1)
+    assert own["psnr_db"] > own["nonzero_psnr_db"] - 1e-9
+    assert rival["explained"] == pytest.approx(0)
+    assert rival["nonzero_psnr_db"] < rival["psnr_db"]
+    assert own["colour_error"] == own["delta_e"] == 0
+    at_alpha_1 = rows[
+        (rows["alpha"] == 1) & (rows["reference"] == "shift_and_sum") & (rows["method"] == "mean_of_views")
+    ]
+    assert at_alpha_1["sharpness"].item() == pytest.approx(1, abs=1e-4)
 
 
 @pytest.mark.slow
-def test_what_is_trained_is_kept_and_what_was_stopped_goes_on(tmp_path):
+def test_what_is_trained_is_kept_and_what_failed_is_told(tmp_path):
     words = [*TINY, "trainer.max_epochs=2"]
     folder = tmp_path / "net"
-    assert training.train({folder: [*words, "seed=1"]}) == {}
+    training.train(folder, words)
     last = folder / "checkpoints" / "last.ckpt"
     made = last.stat().st_mtime_ns
-    training.train({folder: [*words, "seed=1"]})
+    training.train(folder, words)
     assert last.stat().st_mtime_ns == made
-    with pytest.raises(SystemExit, match="seed=1 seed=2"):
-        training.train({folder: [*words, "seed=2"]})
-    assert last.stat().st_mtime_ns == made
-    other = tmp_path / "other"
-    failed = training.train({other: [*words, "net.activation=magic"], folder: [*words, "seed=1"]})
-    assert list(failed) == [other]
-    assert "activation must be one of" in failed[other]
+    with pytest.raises(SystemExit, match="activation must be one of"):
+        training.train(tmp_path / "other", [*words, "net.activation=magic"])

@@ -72,6 +72,18 @@ def test_files_hold_what_was_simulated(lfref, scene_of, tmp_path):
     assert (tmp_path / "out" / "contact_sheets" / "foliage.png").stat().st_size > 10000
 
 
+def test_the_lamps_of_the_evening_are_sharp_within_the_papers_planes_and_never_clipped(scene_of):
+    scene = scene_of("scene=evening", "scene.camera.size=[120,160]")
+    found = simulate(scene, 0, ["views", "truth", "disparity"], [-5 / 3, -1, -0.6, 0.5])
+    for light in (found.views, found.truth):
+        assert light.min() > -1e-5
+        assert light.max() <= 1
+    assert PAPER.slopes[0] < found.disparity.min()
+    assert found.disparity.max() <= PAPER.slopes[-1]
+    sky = found.truth[..., :40, 40:120]  # no twigs before it
+    assert sky.diff(dim=-1).square().mean(dim=(1, 2, 3)).argmax() == 1
+
+
 @pytest.mark.parametrize("suffix", ["", ".exr"])
 def test_a_killed_run_goes_on_with_the_scenes_that_are_missing(lfref, tmp_path, suffix):
     words = ("simulate", "n_fields=3", f"suffix={suffix}", *SMALL)

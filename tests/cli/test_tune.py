@@ -179,7 +179,8 @@ def test_training_takes_the_best_options_beside_another_experiment(lfref, tmp_pa
     text = tune._experiment({"net": "refnet_narrow", "optimizer.lr": 0.25}, ["net"])
     (tmp_path / "study" / tune.BEST).write_text(text)
     chosen = ("--config-dir", tmp_path / "study", "experiment=[paper_small,best]", "trainer.fast_dev_run=1")
-    status, error = lfref("train", *chosen, *TINY[:-4], "net.widths=[4]", "net.n_blocks=1", f"output={tmp_path}/run")
+    small = (*TINY[:-4], "data.patch=64", "data.cache_folder=null", "trainer.precision=32-true")
+    status, error = lfref("train", *chosen, *small, "net.widths=[4]", "net.n_blocks=1", f"output={tmp_path}/run")
     assert status == 0, error
     config = Run(tmp_path / "run").config
     assert config["optimizer"]["lr"] == 0.25

@@ -17,6 +17,7 @@ from lfref.data.label_sources import OperatorLabels, RenderedLabels
 from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
 from lfref.io import ownership
+from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.scene import Camera
@@ -61,6 +62,29 @@ def test_files_that_are_not_decoded_hold_no_linear_light(folder_data):
     assert folder_data().is_linear
     assert folder_data(reader={"encoding": "srgb"}).is_linear
     assert not folder_data(reader={"encoding": "none"}).is_linear
+
+
+def test_patches_without_a_margin_are_light_fields_of_their_own():
+    alone, within = (next(iter(simulated(label_margin=has).train_dataloader())) for has in (False, True))
+    assert torch.equal(alone["views"], within["views"])
+    own = torch.stack([LABELS(LightField(views)) for views in alone["views"]])
+    torch.testing.assert_close(alone["labels"], own)
+    assert not torch.allclose(within["labels"], own, atol=1e-3)
+
+
+@pytest.mark.parametrize("labels", [LABELS, RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))])
+def test_scenes_that_are_kept_are_those_of_the_first_epoch_in_half_precision(tmp_path, labels):
+    loaders = [simulated(labels, cache_folder=folder).train_dataloader() for folder in (None, str(tmp_path))]
+    for epoch, is_equal in ((0, True), (1, False)):
+        for loader in loaders:
+            loader.sampler.set_epoch(epoch)
+        rendered, kept = ({batch["where"][0]: batch for batch in loader} for loader in loaders)
+        # Kept scenes have the name of the first epoch; patches are drawn anew.
+        assert (rendered.keys() == kept.keys()) == is_equal
+        for name in rendered.keys() & kept.keys():
+            for what in ("views", "labels"):
+                torch.testing.assert_close(kept[name][what], rendered[name][what], atol=1e-3, rtol=0)
+    assert len(list(tmp_path.glob("scenes_*/*.npy"))) == (5 if labels is LABELS else 10)
 
 
 @pytest.mark.parametrize(

@@ -132,6 +132,36 @@ def test_within_reach_a_scene_is_painted_once_for_views_and_photographs(ran):
     torch.testing.assert_close(photograph, narrow.photograph(SLOPES), atol=1e-6, rtol=0)
 
 
+def test_fields_that_are_kept_are_rendered_once_and_rounded_to_half_precision(ran, tmp_path):
+    first, again = (SimulatedSource(2, 0, SMALL, 0.5, "none", tmp_path, SLOPES).field(1, epoch) for epoch in (3, 5))
+    assert ran == [["views"], "paint", ["truth"]]
+    assert torch.equal(first.views, again.views)
+    rendered = SimulatedSource(2, 0, SMALL, 0.5).field(1)
+    assert again.name == rendered.name
+    assert torch.equal(again.views, rendered.views.half())
+    assert torch.equal(again.photograph(SLOPES), rendered.photograph(SLOPES).half().float())
+    crop = again.crop(2, 3, 6, 7)
+    assert torch.equal(crop.photograph(SLOPES), again.photograph(SLOPES)[..., 2:8, 3:10])
+
+
+def test_scenes_or_settings_that_differ_are_kept_apart(tmp_path):
+    def folder(seed=0, scenes=SMALL, reach=0.5, correct="none", planes=SLOPES):
+        return SimulatedSource(2, seed, scenes, reach, correct, tmp_path, planes).folder
+
+    others = {"seed": 1, "scenes": LAMP, "reach": 0.0, "correct": "auto", "planes": ()}
+    folders = [folder(), *(folder(**{name: value}) for name, value in others.items())]
+    assert len(set(folders)) == len(folders)
+    assert folder() == folders[0]
+
+
+def test_a_field_without_its_views_is_rendered_again(ran, tmp_path):
+    source = SimulatedSource(1, 0, SMALL, 0.5, "none", tmp_path, SLOPES)
+    source.field(0)
+    (source.folder / "00000.npy").unlink()  # a kill came between the truth and the views
+    assert torch.equal(source.field(0).views, SimulatedSource(1, 0, SMALL, 0.5).field(0).views.half())
+    assert ran.count(["truth"]) == 2
+
+
 @pytest.mark.parametrize(("n_fields", "seed"), [(0, 0), (1, -1)])
 def test_nothing_to_simulate_is_refused(n_fields, seed):
     with pytest.raises(InputError, match="at least one field"):

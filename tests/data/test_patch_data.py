@@ -68,6 +68,17 @@ def test_labels_of_weighted_samples_agree_too(field):
         torch.testing.assert_close(label, whole, atol=1e-6, rtol=0)
 
 
+@pytest.mark.parametrize("operator", [shift_and_sum, fourier_slice])
+@pytest.mark.parametrize("corner", [(0, 0), (12, 13)])
+def test_without_a_margin_a_patch_has_the_label_of_a_light_field_of_its_own(field, operator, corner):
+    source = label_of(operator)
+    views, label = patch_data.cut(field, source, *corner, PATCH, has_margin=False).pair(source)
+    patch = field.crop(*corner, PATCH, PATCH)
+    assert torch.equal(views, patch.views)
+    assert torch.equal(label, source(patch))
+    assert float((label - cut(field, source, *corner)[1]).abs().max()) > 0.01
+
+
 @pytest.mark.parametrize("operator", [exact_fourier, fourier_slice])
 def test_labels_of_global_operators_differ_by_ringing_that_fades_away_from_the_border(operator):
     """On a field of 128 and a patch of 80 pixels; the docs give the figures for 256 and 192."""

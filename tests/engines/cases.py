@@ -13,7 +13,7 @@ def refnet(device="cpu"):
     """RefNet of two blocks, its pictures near 0.5 and never dark: a ReLU would hide an engine's faults."""
     network = RefNet(n_planes=2, grid=(3, 3), widths=(16, 8), stem_width=16).eval().requires_grad_(False)
     patches = [(torch.rand(1, 3, 3, 3, *PATCH),) for _ in range(3)]
-    network.prime(patches[0][0], None, 0.5 + 0.1 * torch.rand(1, 2, 3, *PATCH))
+    network.initialize(patches[0][0], None, 0.3 + 0.4 * patches[0][0][:, 1, :2])
     return _workload(network, (torch.rand(1, 3, 3, 3, *SIZE),), patches, device)
 
 

@@ -8,7 +8,8 @@ import torch
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
-from lfref.metrics.stack import MPSNR, MSSIM
+from lfref.geometry import planes_at_alphas
+from lfref.metrics.stack import GROUPS, MPSNR, MSSIM, Explained, in_group
 
 CLASSES = [(MSSIM, ssim), (MPSNR, psnr)]
 
@@ -115,3 +116,73 @@ def test_another_number_of_planes_is_refused(shape: tuple[int, ...]) -> None:
 def test_stacks_of_two_shapes_are_refused() -> None:
     with pytest.raises(InputError, match="one shape"):
         MPSNR().update(stacks(16, 3, 8, 8), stacks(16, 1, 8, 8))
+
+
+PAPER = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1, 1.125, 1.25, 1.375, 1.5, 1.625, 1.75, 1.875, 2)
+
+
+@pytest.mark.parametrize(
+    ("group", "alphas"),
+    [
+        ("all", [alpha for alpha in PAPER if alpha != 1]),
+        ("near", [0.75, 0.875, 1.125, 1.25, 1.375, 1.5, 1.625, 1.75, 1.875, 2]),
+        ("wide", [0.125, 0.25]),
+    ],
+)
+def test_groups_of_the_papers_planes(group, alphas) -> None:
+    chosen = in_group(planes_at_alphas(PAPER).values, group)
+    assert [alpha for alpha, counts in zip(PAPER, chosen, strict=True) if counts] == alphas
+
+
+def levels(*values: float) -> torch.Tensor:
+    """A stack of even planes, [N, 1, 2, 2]."""
+    return torch.tensor(values)[:, None, None, None].expand(-1, 1, 2, 2)
+
+
+SLOPES = (-4.0, 0.0, 0.5)
+
+
+def test_the_share_explained_by_hand() -> None:
+    # Errors of the stack .1 and .2, of the mean .2 and .4, in four pixels each; at slope 0 nothing counts.
+    pair, mean = (levels(0.6, 9.0, 0.3), levels(0.5, 0.3, 0.1)), levels(0.0, 0.3, 0.5)[1]
+    got = {group: float(Explained(SLOPES, group)(*pair, mean)) for group in GROUPS}
+    mean_errors = 0.2**2, 0.2**2
+    assert got == pytest.approx(
+        {"all": 1 - (0.01 + 0.04) / sum(mean_errors), "near": 1 - 1, "wide": 1 - 0.25}, abs=1e-6
+    )
+
+
+def test_the_mean_of_views_explains_nothing_and_the_label_all() -> None:
+    labels, mean = stacks(2, 3, 3, 8, 8), stacks(2, 3, 8, 8, seed=1)
+    for group in GROUPS:
+        metric = Explained(SLOPES, group)
+        assert metric(mean[:, None].expand_as(labels), labels, mean) == 0
+        assert metric(labels, labels, mean) == 1
+    assert Explained([0.0])(labels[:, :1], labels[:, :1], mean).isnan()
+
+
+def test_updates_and_processes_add_their_errors_before_the_division() -> None:
+    updates = [
+        (stacks(n, 3, 1, 8, 8), stacks(n, 3, 1, 8, 8, seed=n), n * stacks(n, 1, 8, 8, seed=n + 3)) for n in (1, 2)
+    ]
+    first, second, both, whole, mine = (Explained(SLOPES) for _ in range(5))
+    for metrics, update in zip(((first, mine), (second,)), updates, strict=True):
+        for metric in (*metrics, both):
+            metric.update(*update)
+    whole.update(*(torch.cat(parts) for parts in zip(*updates, strict=True)))
+    expected = whole.compute()
+    assert not torch.isclose(expected, sum(Explained(SLOPES)(*update) for update in updates) / 2, rtol=1e-3)
+    first.merge_state(second)
+    # The other process has seen the second update.
+    gathered = {float(getattr(mine, name)): getattr(second, name) for name in ("error", "rival")}
+    mine.dist_sync_fn = lambda state, group=None: [state, gathered[float(state)]]
+    mine.distributed_available_fn = lambda: True
+    for metric in (both, first, mine):
+        torch.testing.assert_close(metric.compute(), expected, rtol=1e-12, atol=0)
+
+
+def test_what_cannot_be_explained_is_refused() -> None:
+    with pytest.raises(InputError, match="all, near, wide"):
+        Explained(SLOPES, "far")
+    with pytest.raises(InputError, match=r"\[\.\.\., 3, C, H, W\]"):
+        Explained(SLOPES).update(stacks(2, 1, 8, 8), stacks(2, 1, 8, 8), stacks(1, 8, 8))

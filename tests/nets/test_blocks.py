@@ -60,6 +60,26 @@ def test_with_a_silent_body_the_block_is_the_activation_of_its_input():
     torch.testing.assert_close(block(features), nn.functional.softplus(features))
 
 
+@pytest.mark.parametrize("filters", [8, 6])
+def test_under_autocast_what_passes_the_block_keeps_all_its_digits(filters):
+    block = ResBlock(8, filters, "relu")
+    nn.init.zeros_(block.body[-1].weight)
+    nn.init.zeros_(block.body[-1].bias)
+    features = 16 + torch.rand(2, 8, 4, 4)
+    expected = block(features)
+    with torch.autocast("cpu", torch.bfloat16):
+        assert torch.equal(block(features), expected)
+
+
+def test_under_autocast_the_stem_adds_its_bias_to_what_it_rounds():
+    stem, images = blocks.StemConv2d(3, 4, 3, padding=1), torch.rand(2, 3, 5, 6)
+    bias = torch.tensor([8.0, 9.0, 16.001, 20.0])
+    with torch.autocast("cpu", torch.bfloat16):
+        small = stem(images) - stem.bias[:, None, None]
+        stem.bias.data = bias
+        torch.testing.assert_close(stem(images), small + bias[:, None, None], atol=4e-6, rtol=0)
+
+
 @pytest.mark.parametrize(("kernel", "dilation", "reach"), [(3, 1, 1), (5, 1, 2), (3, 3, 3), (5, 2, 4), (1, 4, 0)])
 def test_a_block_sees_as_far_as_the_kernel_in_its_middle(kernel, dilation, reach):
     block = ResBlock(2, 4, normalization="none", kernel=kernel, dilation=dilation)
@@ -107,6 +127,21 @@ def test_a_constant_is_normalised_to_nothing_with_a_finite_gradient(normalizatio
         assert output.abs().max() <= 1e-3
     assert features.grad.isfinite().all()
     assert features.grad.abs().max() < 5 / EPSILON**0.5
+
+
+@pytest.mark.parametrize("normalization", list(NORMALIZATIONS))
+@pytest.mark.parametrize("batch", [1, 2])
+def test_gradients_do_not_depend_on_the_memory_layout(normalization, batch):
+    block = ResBlock(6, 8, normalization=normalization)
+    images, gradient = torch.rand(batch, 6, 9, 7), torch.rand(batch, 8, 9, 7)
+
+    def gradients(layout):
+        block.to(memory_format=layout)
+        inputs = images.clone(memory_format=layout).requires_grad_()
+        return torch.autograd.grad(block(inputs), [inputs, *block.parameters()], gradient.to(memory_format=layout))
+
+    for one, other in zip(gradients(torch.contiguous_format), gradients(torch.channels_last), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("filters", [-2, 0, 1, 7])

@@ -62,6 +62,18 @@ def test_training_starts_from_the_weights_of_a_file(saved, network, name):
         assert torch.equal(other.state_dict()[key], value)
 
 
+def test_a_checkpoint_of_before_the_linear_start_gives_the_same_stack(tmp_path):
+    network = RefNet(**TINY, dilation=2).eval()
+    state = {checkpoint.PREFIX + name: value for name, value in network.state_dict().items()}
+    entry = checkpoint.payload(network, PLANES)
+    assert entry["network"].pop("padding") == "zeros"
+    assert entry["network"].pop("initialization") == "linear"
+    assert entry["network"]["dilation"] == 2
+    torch.save({"lfref": entry, "state_dict": state}, tmp_path / "old.ckpt")
+    views = torch.rand(2, 3, 2, 1, 6, 5)
+    assert torch.equal(checkpoint.restore(tmp_path / "old.ckpt")[0].eval()(views), network(views))
+
+
 def test_training_starts_from_no_weights_of_another_shape(saved):
     with pytest.raises(CheckpointError, match="must be"):
         checkpoint.start(RefNet(**TINY | {"grid": (5, 5)}, normalization="batch"), saved)

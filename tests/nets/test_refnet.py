@@ -108,6 +108,7 @@ def test_the_schedule_of_widths_is_stretched_or_thinned(widths, n_blocks, expect
         {"activation": "gelu", "normalization": "group", "style": "sibling"},
         {"stem_kernel": 5, "head_kernel": 3, "normalization": "batch"},
         {"shuffle": 2, "kernel": 5, "dilation": 2},
+        {"n_blocks": 4, "dilation": [1, 2], "padding": "replicate", "initialization": "random"},
     ],
 )
 def test_config_rebuilds_the_same_network_through_plain_text(options):
@@ -137,7 +138,8 @@ def test_views_that_do_not_fit_are_refused(shape, message):
 
 def test_networks_of_before_the_coarser_grid_are_built_and_run_as_they_were():
     network = RefNet(**TINY).eval()
-    old = {name: value for name, value in network.config.items() if name not in ("shuffle", "kernel", "dilation")}
+    later = "shuffle", "kernel", "dilation", "padding", "initialization"
+    old = {name: value for name, value in network.config.items() if name not in later}
     twin = RefNet(**old).eval()
     twin.load_state_dict(network.state_dict())
     views = torch.rand(2, 3, 2, 1, 6, 5)
@@ -164,10 +166,10 @@ def test_on_a_coarser_grid_every_pixel_is_its_own_channel_at_its_place():
 
 
 def test_a_coarser_grid_starts_at_the_brightness_of_its_labels():
-    network = RefNet(**TINY, shuffle=2)
+    network = RefNet(**TINY, shuffle=2, initialization="random")
     views, labels = torch.rand(4, 3, 2, 1, 15, 21), torch.full((4, 2, 1, 15, 21), 0.5)
     labels[:, 1] = 0.8
-    network.prime(views, None, labels)
+    network.initialize(views, None, labels)
     means = network(views)[..., :14, :20].mean((0, 2, 3, 4))
     torch.testing.assert_close(means, torch.tensor([0.5, 0.8]), atol=0.05, rtol=0)
 
@@ -191,6 +193,8 @@ def reach(**options):
         ({"widths": (4,) * 3}, (4, 4)),
         ({"widths": (4,) * 3, "kernel": 5}, (7, 7)),
         ({"widths": (4,) * 3, "dilation": 3}, (10, 10)),
+        ({"widths": (4,) * 3, "dilation": [1, 2, 4]}, (8, 8)),
+        ({"widths": (4,) * 4, "dilation": [1, 3]}, (9, 9)),  # stretched: 1, 1, 3, 3
         # Pixel 64 is the first of a coarse one: it sees 4 coarse ones on either side, and those whole.
         ({"widths": (4,) * 3, "shuffle": 2}, (8, 9)),
         ({"widths": (4,) * 3, "shuffle": 4, "stem_kernel": 1}, (12, 15)),
@@ -198,6 +202,14 @@ def reach(**options):
 )
 def test_how_far_a_pixel_sees(options, expected):
     assert reach(**options) == expected
+
+
+def test_the_ends_are_the_stem_and_both_convolutions_of_the_head():
+    network = RefNet(**TINY)
+    names = {id(parameter): name for name, parameter in network.named_parameters()}
+    ends = {name for name in names.values() if name.rpartition(".")[0] in ("trunk.0", "trunk.4", "head")}
+    assert {names[id(end)] for end in network.ends()} == ends
+    assert len(ends) == 6
 
 
 def test_views_of_another_floating_type_are_refused():
@@ -209,7 +221,7 @@ def test_views_of_another_floating_type_are_refused():
 def test_under_autocast_the_type_of_the_views_is_free(dtype):
     with torch.autocast("cpu", torch.bfloat16):
         stack = RefNet(**TINY)(torch.rand(3, 2, 1, 6, 5).to(dtype))
-    assert stack.dtype == torch.bfloat16
+    assert stack.dtype == torch.float32
     assert bool(stack.isfinite().all())
 
 
@@ -264,6 +276,10 @@ def test_views_of_one_coarse_pixel_are_refused():
         ({"kernel": 4}, "must be odd"),
         ({"shuffle": 0}, "must be positive"),
         ({"dilation": 0}, "must be positive"),
+        ({"dilation": [1, 0]}, "must be positive"),
+        ({"dilation": []}, "at least one block and one width"),
+        ({"padding": "reflect"}, "padding must be zeros or replicate, .* got reflect and linear"),
+        ({"initialization": "magic"}, "initialization linear or random; got zeros and magic"),
         ({"widths": ()}, "at least one block and one width"),
         ({"n_blocks": 0}, "at least one block and one width"),
         ({"widths": (6, 3)}, "must be even"),

@@ -16,6 +16,7 @@ from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.fourier.super_resolution import in_focus
 from lfref.refocus.homography import homography, slope_homographies
+from lfref.refocus.mean_of_views import mean_of_views
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.surface import per_pixel, tilt_shift
@@ -105,6 +106,7 @@ OPERATORS = {
     "fourier_slice fill before a bowl": before_a_bowl(functools.partial(fourier_slice, slopes=SLOPES, fill=1.0)),
     "focal_stack_transform": evenly,
     "focal_stack_transform fill": functools.partial(evenly, fill=1.0, disparity=0.21),
+    "mean_of_views": functools.partial(mean_of_views, slopes=SLOPES),
     "in_focus by 1": functools.partial(in_focus, slopes=SLOPES, factor=1),
     "in_focus by 3": functools.partial(in_focus, slopes=SLOPES, factor=3),
     "refocus_by_layers": functools.partial(refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1, 0.5]),

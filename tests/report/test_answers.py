@@ -1,8 +1,11 @@
 """The sentence has the figures of the tables, and calls nothing better without the truth."""
 
+import math
+
 import pandas as pd
 import pytest
 
+from lfref.bench import accuracy
 from lfref.errors import InputError
 from lfref.report import answers
 
@@ -81,6 +84,62 @@ def test_scenes_without_our_method_are_an_error():
         answers.of_bench(rows, scenes[scenes["method"] != "learned"])
 
 
+def test_the_share_that_a_network_explains_stands_before_all_else():
+    rows, scenes = bench()
+    shares = {"explained": [0.931, 0.9, 0.99], "explained_wide": [0.712, 0.5, None]}
+    answer = answers.of_bench(rows.assign(**shares), scenes)
+    assert (answer.explained, answer.explained_wide, answer.is_below_mean) == (0.931, 0.712, False)
+    assert answer.sentence.startswith(
+        "On 2 scenes (ideal), learned explains 93.1 % of refocusing (wide blur 71.2 %) and is 0.8 dB better than the "
+    )
+    narrow = answers.of_bench(rows.assign(explained=0.5), scenes)
+    assert "learned explains 50 % of refocusing and is 0.8" in narrow.sentence
+    classical = answers.of_bench(rows.assign(**shares, is_network=False), scenes)
+    assert math.isnan(classical.explained)
+    assert "refocusing" not in classical.sentence
+
+
+def test_a_network_below_the_mean_of_views_is_called_no_refocusing():
+    rows, scenes = bench()
+    answer = answers.of_bench(rows.assign(explained=[-2.0, 0.9, 0.99]), scenes)
+    assert answer.is_below_mean
+    assert "worse than no refocusing at all (its squared error is 3 times" in answer.sentence
+    assert not answers.of_bench(*bench()).is_below_mean  # unknown, in tables of earlier versions
+
+
+@pytest.mark.parametrize("is_network", [True, False])
+def test_the_mean_of_views_is_no_competitor(is_network):
+    rows, scenes = bench(methods=("sum", "layers"))
+    rival = rows[:1].assign(method="mean_of_views", psnr_db=90.0)
+    rows = pd.concat([rival, rows.assign(is_network=[is_network, False])])
+    answer = answers.of_bench(rows, scenes)
+    assert {answer.ours, answer.other} == {"sum", "layers"}
+    assert answer.other_is_best_classical == is_network
+    assert answers.of_bench(rival, scenes) is None
+
+
+def test_an_evaluation_pools_the_squared_errors_of_all_light_fields():
+    # At slope 1: squared errors .1 and .001 of the mean of views, .02 and .002 of the network.
+    values = {"mean_of_views": (0.1, 0.001), "net": (0.02, 0.002), "cells": (0.01, 0.01)}
+    rows = [
+        {"light_field": field, "method": name, "reference": reference, "slope": slope, "ssim": 0.5, "colour_error": 0.0}
+        | {"psnr_db": 10.0 if slope == 0 else -10 * math.log10(error)}
+        for name, errors in values.items()
+        for field, error in zip("ab", errors, strict=True)
+        for reference in ("rendered", "shift_and_sum")
+        for slope in (0.0, 1.0)
+    ]
+    planes = pd.DataFrame(rows)
+    table = accuracy.summaries(planes)
+    answer = answers.of_evaluation(table.assign(is_network=table["method"] == "net"), planes)
+    assert answer.explained == pytest.approx(1 - 0.022 / 0.101)
+    assert math.isnan(answer.explained_wide)
+    assert (answer.ours, answer.other) == ("net", "cells")
+
+
+NO_PLANES = pd.DataFrame({"method": ["x"], "reference": ["x"], "slope": [1.0], "psnr_db": [9.0]})
+
+
 def summary(references=("shift_and_sum", "fourier_slice"), fields=("a", "b")):
     values = {"net": (31.0, 20.0), "cells": (30.0, 27.0), "shift_and_sum": (100.0, 100.0)}
     return pd.DataFrame(
@@ -92,15 +151,15 @@ def summary(references=("shift_and_sum", "fourier_slice"), fields=("a", "b")):
 
 
 def test_an_evaluation_is_judged_by_its_first_label_or_by_the_rendered_one():
-    assert answers.of_evaluation(summary()).sentence == (
+    assert answers.of_evaluation(summary(), NO_PLANES).sentence == (
         "On 2 light fields, judged by shift_and_sum and not by the truth, net is 3.0 dB farther from it than the "
         "nearest classical method, cells, worst on b (20.0 dB)."
     )
-    rendered = answers.of_evaluation(summary(("fourier_slice", "rendered")))
+    rendered = answers.of_evaluation(summary(("fourier_slice", "rendered")), NO_PLANES)
     assert rendered.sentence == (
         "On 2 light fields, net is 74.5 dB worse than the best classical method, shift_and_sum, worst on b (20.0 dB)."
     )
-    one = answers.of_evaluation(summary(("rendered",), ("a",))[:2])
+    one = answers.of_evaluation(summary(("rendered",), ("a",))[:2], NO_PLANES)
     assert one.sentence == "On a, net is 1.0 dB better than the best classical method, cells."
 
 

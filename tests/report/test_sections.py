@@ -5,6 +5,7 @@ import shutil
 import pandas as pd
 import pytest
 
+from lfref.bench import accuracy
 from lfref.errors import FileError
 from lfref.io.run import write_overrides
 from lfref.report import drawing, page, sections, tables
@@ -148,11 +149,33 @@ def test_an_evaluation_gives_the_means_over_the_light_fields(evaluation):
     (section,) = sections.sections([evaluation])
     assert section.title == "Evaluation"
     (means,) = section.tables.values()
-    assert means.round(9).to_dict("records") == [
+    assert means.dropna(axis=1).round(9).to_dict("records") == [
         {"method": method, "reference": "fourier_slice", "mpsnr_db": 32.0, "mssim": 0.85, "light_fields": 2}
         for method in ("net", "shift_and_sum")
     ]
     assert section.figures["Comparison on a"] == evaluation / "comparison" / "a.png"
+
+
+def test_an_evaluation_shows_the_figures_without_slope_0_and_the_share_explained(evaluation):
+    planes = tables.read_table(evaluation / "planes.csv").assign(colour_error=0.02)
+    # 30 and 34 dB of the network, 10 dB less of the mean of the views, and both perfect at slope 0.
+    planes["psnr_db"] -= 10 * (planes["method"] == "shift_and_sum")
+    planes.loc[planes["slope"] == 0, "psnr_db"] = 100.0
+    planes["method"] = planes["method"].replace("shift_and_sum", "mean_of_views")
+    summary = accuracy.summaries(planes)
+    tables.write_table(evaluation / "planes.csv", planes)
+    tables.write_table(evaluation / "summary.csv", summary.assign(is_network=summary["method"] == "net"))
+    (section,) = sections.sections([evaluation])
+    (means,) = section.tables.values()
+    net, rival = means.to_dict("records")
+    assert (net["nonzero_mpsnr_db"], net["colour_error"]) == (32, pytest.approx(0.02))
+    assert net["mpsnr_db"] == pytest.approx((2 * 32 + 100) / 3)
+    shares = ("explained", "explained_near", "explained_wide")
+    assert [net[share] for share in shares] == pytest.approx([0.9] * 3)
+    assert [rival[share] for share in shares] == [0] * 3
+    assert section.answer.startswith(
+        "On 2 light fields, judged by fourier_slice and not by the truth, net explains 90 %"
+    )
 
 
 def test_a_benchmark_answers_and_shows_every_class_and_plane(benchmark):

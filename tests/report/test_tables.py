@@ -115,10 +115,12 @@ def test_columns_of_earlier_versions_are_read_by_their_names_today(tmp_path):
 @pytest.mark.parametrize(
     ("column", "value", "shown"),
     [
-        ("median_s", 0.00123456, "0.00123"),
-        ("median_s", 0.2, "0.200"),
-        ("median_s", 1541.1, "1541"),
-        ("median_s", 123.4, "123"),
+        ("median_s", 0.00000123456, "0.00123"),  # milliseconds
+        ("median_s", 0.0002, "0.200"),
+        ("median_s", 1.5411, "1541"),
+        ("median_s", 0.1234, "123"),
+        ("explained", -2.03456, f"{tables.MINUS}2.035"),
+        ("nonzero_mpsnr_db", 30.123, "30.12"),
         ("numpy_ffts", 0.0407, "0.0407"),
         ("first_call_s", 1.5, "1.50"),
         ("ratio_to_same_in_numpy", 4.0, "4.00\N{MULTIPLICATION SIGN}"),

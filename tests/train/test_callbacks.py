@@ -22,7 +22,7 @@ from lfref.train.callbacks import (
     PATCHES_PER_SECOND,
     AtomicCheckpointIO,
     BestCheckpoint,
-    HeadInitialization,
+    Initialization,
     Pace,
     RankAgreement,
     StackPictures,
@@ -89,7 +89,7 @@ def batch_norm(module):
 @pytest.mark.parametrize("what", ["views", "labels", "gradient"])
 def test_a_poisoned_step_is_named_and_leaves_everything_as_it_was(batch_norm, data, trainer, caplog, what):
     poison, guard = Poison(what, steps=[1]), StepGuard()
-    fit = trainer(max_epochs=1, callbacks=[HeadInitialization(), poison, guard])
+    fit = trainer(max_epochs=1, callbacks=[Initialization(), poison, guard])
     with caplog.at_level(logging.WARNING, "lfref"):
         fit.fit(batch_norm, datamodule=data)
     # Adam's moments and count of steps, weights, and batch norm's running statistics.
@@ -209,13 +209,6 @@ def test_counts_survive_a_resume(module, data, trainer, tmp_path):
     assert (guard.skipped, guard.in_a_row) == (1, 1)
 
 
-def test_the_head_waits_for_a_batch_that_is_finite(module, data, trainer):
-    fit = trainer(max_epochs=1, callbacks=[HeadInitialization(), Poison("labels", [0]), StepGuard()])
-    module.optimizer = lambda parameters: torch.optim.SGD(parameters, lr=0.0)
-    fit.fit(module, datamodule=data)
-    assert all(value.isfinite().all() for value in module.state_dict().values())
-
-
 def test_a_gradient_whose_norm_float32_cannot_hold_counts_as_not_finite():
     module = torch.nn.Linear(2, 1)
     module.weight.grad = torch.full((1, 2), 1e20)
@@ -228,27 +221,76 @@ def test_a_patience_without_steps_is_refused():
         StepGuard(patience=0)
 
 
-def test_the_head_starts_at_the_label_mean_of_the_first_batch(module, data, trainer):
+def still(module):
+    """The module without learning."""
     module.optimizer = lambda parameters: torch.optim.SGD(parameters, lr=0.0)
+    return module
+
+
+def started(module, batches, crops=slice(None)):
+    """Weights of the module's network, initialised by hand on these crops of the batches."""
+    net = copy.deepcopy(module.net)
+    views, labels = (torch.cat([batch[name] for batch in batches])[crops] for name in ("views", "labels"))
+    net.initialize(views, batches[0]["slopes"], labels)
+    return net.state_dict()
+
+
+@pytest.mark.parametrize(("n_crops", "n_batches"), [(1, 1), (3, 2), (24, 3)])
+def test_a_new_run_starts_from_crops_of_its_first_batches(module, data, trainer, n_crops, n_batches):
     data.setup("fit")
-    batch = next(iter(data.train_dataloader()))
-    trainer(max_steps=1, limit_val_batches=0, callbacks=[HeadInitialization()]).fit(module, datamodule=data)
-    raw = module.net.head(module.net.features(batch["views"]))
-    torch.testing.assert_close(raw.mean((0, 2, 3)), batch["labels"].flatten(1, 2).mean((0, 2, 3)), atol=1e-4, rtol=0)
+    expected = started(module, list(data.train_dataloader())[:n_batches])
+    trainer(max_steps=1, limit_val_batches=0, callbacks=[Initialization(n_crops)]).fit(still(module), datamodule=data)
+    assert equal(module.net.state_dict(), expected)
 
 
-def test_a_resumed_run_keeps_its_head(module, data, trainer, tmp_path):
+def test_crops_that_are_not_finite_do_not_count(module, data, trainer):
+    data.setup("fit")
+    expected = started(module, list(data.train_dataloader()), crops=[0, 1, 3, 4, 5])
+    labelled = data.on_after_batch_transfer
+
+    def spoiled(batch, index):
+        batch = labelled(batch, index)
+        if batch["where"][0] == second:
+            batch["labels"][0, 0, 0, 0, 0] = torch.nan
+        return batch
+
+    second = list(data.train_dataloader())[1]["where"][0]
+    data.on_after_batch_transfer = spoiled
+    callbacks = [Initialization(), StepGuard()]
+    trainer(max_steps=1, limit_val_batches=0, callbacks=callbacks).fit(still(module), datamodule=data)
+    assert equal(module.net.state_dict(), expected)
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_run_trains_on_the_batches_that_it_started_from(module, data, trainer, workers):
+    class Places(Callback):
+        def __init__(self):
+            self.seen = []
+
+        def on_train_batch_start(self, trainer, module, batch, batch_index):
+            self.seen.append(batch["where"])
+
+    data.workers = workers
+    for callbacks in ([Initialization(), with_start := Places()], [without := Places()]):
+        trainer(max_epochs=2, callbacks=callbacks).fit(copy.deepcopy(module), datamodule=data)
+    assert with_start.seen == without.seen
+    assert len(without.seen) == 6
+
+
+def test_a_start_without_crops_is_refused():
+    with pytest.raises(InputError, match="n_crops must be at least 1; got 0"):
+        Initialization(n_crops=0)
+
+
+def test_a_resumed_run_keeps_its_weights(module, data, trainer, tmp_path):
     fit = trainer(max_epochs=1)
     fit.fit(module, datamodule=data)
     fit.save_checkpoint(tmp_path / "run.ckpt")
-    trained = module.net.head.weight.detach().clone()
-    module.optimizer = lambda parameters: torch.optim.Adam(parameters, lr=0.0)
-    state = torch.load(tmp_path / "run.ckpt", weights_only=True)
-    state["optimizer_states"][0]["param_groups"][0]["lr"] = 0.0
-    torch.save(state, tmp_path / "run.ckpt")
-    again = trainer(max_epochs=2, callbacks=[HeadInitialization()])
+    trained = copy.deepcopy(module.net.state_dict())
+    module.optimizer = partial(torch.optim.Adam, lr=0.0)
+    again = trainer(max_epochs=2, callbacks=[Initialization()])
     again.fit(module, datamodule=data, ckpt_path=tmp_path / "run.ckpt", weights_only=True)
-    assert torch.equal(module.net.head.weight, trained)
+    assert equal(module.net.state_dict(), trained)
 
 
 def test_pictures_show_the_worst_patch_and_the_best(module, data, trainer, tmp_path):

@@ -14,7 +14,7 @@ import torch
 from lightning.pytorch import Callback
 from torch import distributed
 
-from lfref.train.callbacks import HeadInitialization, RankAgreement, StepGuard
+from lfref.train.callbacks import Initialization, RankAgreement, StepGuard
 from lfref.train.stopping import Stopping
 from tests.cli.conftest import TINY, lfref  # noqa: F401  a fixture
 
@@ -133,10 +133,34 @@ def test_all_processes_skip_the_step_that_one_cannot_take(module, data, trainer)
     assert all(value.isfinite().all() for value in module.state_dict().values())
 
 
+class Weights(Callback):
+    """Writes the weights of each process after the linear start and at the end."""
+
+    def on_train_epoch_start(self, trainer, module):
+        self.write(trainer, module, "start")
+
+    def on_train_end(self, trainer, module):
+        self.write(trainer, module, "end")
+
+    def write(self, trainer, module, when):
+        torch.save(module.net.state_dict(), Path(trainer.default_root_dir) / f"{when}_{trainer.global_rank}.pt")
+
+
+@quiet
+def test_processes_start_and_end_with_equal_weights(module, data, trainer, tmp_path):
+    options = {"devices": 2, "strategy": "ddp_fork", "plugins": [], "limit_val_batches": 0}
+    before = {name: value.clone() for name, value in module.net.state_dict().items()}
+    trainer(max_epochs=1, callbacks=[Initialization(), Weights()], **options).fit(module, datamodule=data)
+    for when in ("start", "end"):
+        one, other = (torch.load(tmp_path / f"{when}_{rank}.pt", weights_only=True) for rank in range(2))
+        assert all(torch.equal(value, other[name]) for name, value in one.items())
+        assert not torch.equal(one["trunk.0.weight"], before["trunk.0.weight"])
+
+
 @quiet
 def test_processes_meet_for_the_gradients_only_and_for_the_log_when_it_is_due(module, data, trainer, tmp_path):
     stopping = Stopping(tmp_path / "last.ckpt", lambda reason: None, minutes=15)
-    callbacks = [HeadInitialization(), StepGuard(), stopping, Meetings()]
+    callbacks = [Initialization(), StepGuard(), stopping, Meetings()]
     options = {"devices": 2, "strategy": "ddp_fork", "plugins": [], "log_every_n_steps": 4}
     trainer(max_epochs=3, callbacks=callbacks, **options).fit(module, datamodule=data)
     gradients = {"all_reduce": 1}

@@ -16,7 +16,7 @@ from lfref.nets.refiner import Refiner
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.train.callbacks import BestCheckpoint, StepGuard
-from lfref.train.modules import Refining
+from lfref.train.modules import Refining, WarmupCosine
 from tests.data.test_plane_sets import SCENES
 from tests.train.test_resume import quiet
 
@@ -52,7 +52,7 @@ def module():
         RelativeError(),
         RECIPE,
         functools.partial(torch.optim.Adam, lr=0.01),
-        functools.partial(torch.optim.lr_scheduler.OneCycleLR, max_lr=0.01, total_steps=60, cycle_momentum=False),
+        functools.partial(WarmupCosine, total_steps=60),
     )
 
 
@@ -62,7 +62,7 @@ def test_it_learns_what_is_missing(module, data, trainer):
     fit.fit(module, datamodule=data)
     (found,) = fit.validate(module, datamodule=data, verbose=False)
     assert found["val/gain"] > 6
-    assert fit.optimizers[0].param_groups[0]["lr"] < 1e-4  # stepped each step: the cycle is over
+    assert fit.optimizers[0].param_groups[0]["lr"] < 1e-4  # stepped each step: the schedule is over
 
 
 @quiet
@@ -103,7 +103,7 @@ def test_training_starts_from_a_refiner_that_reads_only_some_of_the_features(mod
     got = large(torch.cat([sums, central, defocus, spread], 1), pictures, scale)
     torch.testing.assert_close(got, expected)
     with pytest.raises(CheckpointError, match="must be"):
-        module.start_from(lfref.refocuser.networks.SHIPPED)
+        module.start_from(lfref.refocuser.networks.SHIPPED["learned"])
     # Another width, and a candidate that is none there: one line, no traceback.
     wide = Refiner(9, 2, width=12, n_blocks=1)
     other = Refiner(9, 1, width=8, n_blocks=1)

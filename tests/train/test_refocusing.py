@@ -11,28 +11,53 @@ from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import planes_at_alphas
 from lfref.losses.composite import CompositeLoss
+from lfref.metrics.stack import Explained
 from lfref.refocuser.load import load
-from lfref.train.callbacks import HeadInitialization
-from lfref.train.modules import Refocusing
+from lfref.train.callbacks import Initialization
+from lfref.train.modules import Refocusing, WarmupCosine
 
 
 @pytest.mark.filterwarnings("ignore:.*does not have many workers.*")
 @pytest.mark.filterwarnings("ignore:.*number of training batches.*")
 class TestFit:
     def test_training_reduces_the_loss_on_held_out_patches(self, module, data, trainer):
-        losses = []
+        module.end_rate, reached = 0.04, []
         for epochs in (1, 12):
-            fit = trainer(max_epochs=epochs, callbacks=[HeadInitialization()])
+            fit = trainer(max_epochs=epochs, callbacks=[Initialization()])
             fit.fit(copy.deepcopy(module), datamodule=data)
-            losses.append(fit.callback_metrics["val/loss"].item())
-        assert losses[1] < 0.9 * losses[0]
+            reached.append(fit.callback_metrics)
+        assert reached[1]["val/loss"] < reached[0]["val/loss"]
+        assert reached[1]["val/explained"] > reached[0]["val/explained"] + 0.5
 
-    def test_a_cycle_of_steps_is_stepped_each_step(self, module, data, trainer):
-        cycle = functools.partial(OneCycleLR, max_lr=0.01, total_steps=8, cycle_momentum=False)
+    @pytest.mark.parametrize("kind", [WarmupCosine, functools.partial(OneCycleLR, max_lr=0.01, cycle_momentum=False)])
+    def test_a_schedule_of_steps_is_stepped_each_step(self, module, data, trainer, kind):
+        cycle = functools.partial(kind, total_steps=8)
         cycling = Refocusing(module.net, CompositeLoss(), module.planes, module.optimizer, cycle)
         fit = trainer(max_steps=8, max_epochs=-1)
         fit.fit(cycling, datamodule=data)
         assert fit.optimizers[0].param_groups[0]["lr"] < 1e-3  # by epoch it would be near its height
+
+    def test_the_first_and_last_layers_move_by_their_share_of_a_step(self, module, data, trainer):
+        module.optimizer = functools.partial(torch.optim.SGD, lr=0.01)
+        steps, before = {}, {name: value.clone() for name, value in module.net.named_parameters()}
+        ends = {id(end) for end in module.net.ends()}
+        ends = {name for name, value in module.net.named_parameters() if id(value) in ends}
+        for rate in (1.0, 0.25):
+            twin = copy.deepcopy(module)
+            twin.end_rate = rate
+            fit = trainer(max_steps=1, limit_val_batches=0)
+            fit.fit(twin, datamodule=data)
+            steps[rate] = {name: value.detach() - before[name] for name, value in twin.net.named_parameters()}
+        assert [group["lr"] for group in fit.optimizers[0].param_groups] == [0.01, 0.0025]
+        for name, step in steps[0.25].items():
+            share = 0.25 if name in ends else 1.0
+            torch.testing.assert_close(step, share * steps[1.0][name], atol=1e-6, rtol=1e-4, msg=name)
+
+    @pytest.mark.parametrize("schedule", [{"total_steps": -1}, {"total_steps": 8, "warmup": 1.0}])
+    def test_a_schedule_of_steps_without_a_last_one_is_refused(self, module, data, trainer, schedule):
+        module.scheduler = functools.partial(WarmupCosine, **schedule)
+        with pytest.raises(InputError, match=r"settings that fit them; got WarmupCosine needs total_steps >= 1"):
+            trainer(max_epochs=1).fit(module, datamodule=data)
 
     def test_a_cosine_without_a_last_epoch_is_refused(self, module, data, trainer):
         cosine = functools.partial(CosineAnnealingLR, T_max=-1)
@@ -57,6 +82,13 @@ class TestFit:
         for name, quality in (("mpsnr", psnr), ("mssim", ssim)):
             expected = torch.cat([quality(stack, labels) for stack, labels in pairs]).double().mean()
             assert fit.callback_metrics[f"val/{name}"].item() == pytest.approx(expected.item(), abs=1e-4)
+        shares = Explained(module.planes.values), Explained(module.planes.values, "near")
+        for (stack, labels), batch in zip(pairs, batches, strict=True):
+            for share in shares:
+                share.update(stack, labels, batch["views"].mean((1, 2)))
+        for name, share in zip(("explained", "explained_near"), shares, strict=True):
+            assert fit.callback_metrics[f"val/{name}"].item() == pytest.approx(share.compute().item(), rel=1e-5)
+        assert "val/explained_wide" not in fit.callback_metrics  # no plane is that far from focus
         by_plane = torch.cat([psnr(stack, labels) for stack, labels in pairs]).mean(0)
         logged = [fit.callback_metrics[f"val/mpsnr_plane/alpha_{alpha}"] for alpha in ("0.5", "1", "2")]
         torch.testing.assert_close(torch.stack(logged), by_plane.double(), atol=1e-4, rtol=0)
@@ -97,9 +129,29 @@ class TestFit:
     def test_a_run_that_is_repeated_is_bit_equal(self, module, data, trainer):
         twin = copy.deepcopy(module)
         for each in (module, twin):
-            trainer(max_epochs=1, callbacks=[HeadInitialization()]).fit(each, datamodule=data)
+            trainer(max_epochs=1, callbacks=[Initialization()]).fit(each, datamodule=data)
         for name, value in module.state_dict().items():
             assert torch.equal(value, twin.state_dict()[name]), name
+
+
+def test_a_warm_up_is_a_line_and_then_a_cosine_for_each_group_at_its_own_rate():
+    groups = [{"params": [torch.nn.Parameter(torch.zeros(()))], "lr": rate} for rate in (1.0, 0.04)]
+    optimizer, rates = torch.optim.SGD(groups), []
+    schedule = WarmupCosine(optimizer, total_steps=12, warmup=0.25)
+    for _ in range(14):
+        rates.append([group["lr"] for group in optimizer.param_groups])
+        optimizer.step()
+        schedule.step()
+    # Three steps of warm-up, then nine of the cosine: after a third of them, cos(60 degrees) = .5.
+    by_hand = {0: 0.25, 1: 0.5, 2: 0.75, 3: 1.0, 6: 0.75, 9: 0.25, 12: 0.0, 13: 0.0}
+    assert {step: rates[step][0] for step in by_hand} == pytest.approx(by_hand)
+    assert [rate for _, rate in rates] == pytest.approx([0.04 * rate for rate, _ in rates])
+
+
+@pytest.mark.parametrize("rate", [-0.1, float("nan"), float("inf")])
+def test_a_rate_of_the_ends_that_is_no_share_is_refused(module, rate):
+    with pytest.raises(InputError, match="end_rate must be finite and at least 0; got"):
+        Refocusing(module.net, CompositeLoss(), module.planes, module.optimizer, end_rate=rate)
 
 
 def test_another_number_of_planes_than_the_labels_is_refused(module):

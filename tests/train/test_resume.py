@@ -7,8 +7,8 @@ import torch
 from lightning.pytorch import Callback
 from lightning.pytorch.callbacks import ModelCheckpoint
 
-from lfref.train.callbacks import BestCheckpoint, CSVLogger, HeadInitialization
-from lfref.train.modules import cut_log, refit
+from lfref.train.callbacks import BestCheckpoint, CSVLogger, Initialization
+from lfref.train.modules import WarmupCosine, cut_log, refit
 from lfref.train.stopping import Stopping
 
 quiet = pytest.mark.filterwarnings(
@@ -22,12 +22,21 @@ def cosine(module, epochs, rate=0.01):
     return module
 
 
+def warmed_up(module, epochs):
+    """Slow ends, and a schedule by step, of three steps an epoch."""
+    module.optimizer, module.end_rate = partial(torch.optim.Adam, lr=0.01), 0.04
+    module.scheduler = partial(WarmupCosine, total_steps=3 * epochs, warmup=0.4)
+    return module
+
+
 class Rates(Callback):
+    """The learning rates of all groups of parameters, at the start of each epoch."""
+
     def __init__(self):
         self.seen = []
 
     def on_train_epoch_start(self, trainer, module):
-        self.seen.append(trainer.optimizers[0].param_groups[0]["lr"])
+        self.seen.append([group["lr"] for group in trainer.optimizers[0].param_groups])
 
 
 class StoppedInEpochOne(Callback):
@@ -44,17 +53,21 @@ class StoppedInEpochOne(Callback):
 
 @quiet
 @pytest.mark.parametrize("workers", [0, 2])
-def test_a_run_that_is_stopped_within_an_epoch_is_resumed_to_the_bit(module, data, trainer, tmp_path, workers):
+@pytest.mark.parametrize("schedule", [cosine, warmed_up])
+def test_a_run_that_is_stopped_within_an_epoch_is_resumed_to_the_bit(
+    module, data, trainer, tmp_path, schedule, workers
+):
     data.workers = workers
-    broken, path = copy.deepcopy(cosine(module, 4)), tmp_path / "last.ckpt"
-    trainer(max_epochs=4, callbacks=[HeadInitialization(), unbroken := Rates()]).fit(module, datamodule=data)
+    broken, path = copy.deepcopy(schedule(module, 4)), tmp_path / "last.ckpt"
+    trainer(max_epochs=4, callbacks=[Initialization(), unbroken := Rates()]).fit(module, datamodule=data)
     again = copy.deepcopy(broken)
     with pytest.raises(SystemExit):
-        trainer(max_epochs=4, callbacks=[HeadInitialization(), StoppedInEpochOne(path)]).fit(broken, datamodule=data)
-    fit = trainer(max_epochs=4, callbacks=[HeadInitialization(), resumed := Rates()])
+        trainer(max_epochs=4, callbacks=[Initialization(), StoppedInEpochOne(path)]).fit(broken, datamodule=data)
+    fit = trainer(max_epochs=4, callbacks=[Initialization(), resumed := Rates()])
     fit.fit(again, datamodule=data, ckpt_path=path, weights_only=True)
     assert fit.global_step == 12
     assert resumed.seen == unbroken.seen[2:]
+    assert len(resumed.seen[0]) == (2 if schedule is warmed_up else 1)
     for name, value in module.state_dict().items():
         assert torch.equal(value, again.state_dict()[name]), name
 
@@ -105,12 +118,13 @@ def every_epoch(folder):
 
 @quiet
 @pytest.mark.parametrize("workers", [0, 2])
-def test_a_resumed_run_is_bit_equal_to_an_unbroken_one(module, data, trainer, tmp_path, workers):
+@pytest.mark.parametrize("schedule", [cosine, warmed_up])
+def test_a_resumed_run_is_bit_equal_to_an_unbroken_one(module, data, trainer, tmp_path, schedule, workers):
     data.workers = workers
-    broken = copy.deepcopy(cosine(module, 4))
-    callbacks = [HeadInitialization(), unbroken := Rates(), every_epoch(tmp_path)]
+    broken = copy.deepcopy(schedule(module, 4))
+    callbacks = [Initialization(), unbroken := Rates(), every_epoch(tmp_path)]
     trainer(max_epochs=4, enable_checkpointing=True, callbacks=callbacks).fit(module, datamodule=data)
-    callbacks = [HeadInitialization(), resumed := Rates(), every_epoch(tmp_path)]
+    callbacks = [Initialization(), resumed := Rates(), every_epoch(tmp_path)]
     fit = trainer(max_epochs=4, enable_checkpointing=True, callbacks=callbacks)
     fit.fit(broken, datamodule=data, ckpt_path=tmp_path / "epoch=1.ckpt", weights_only=True)
     assert resumed.seen == unbroken.seen[2:]
@@ -120,12 +134,13 @@ def test_a_resumed_run_is_bit_equal_to_an_unbroken_one(module, data, trainer, tm
 
 @quiet
 def test_a_longer_schedule_and_another_rate_are_taken_as_if_from_the_start(module, data, trainer, tmp_path):
-    fit = trainer(max_epochs=2, callbacks=[HeadInitialization()])
+    fit = trainer(max_epochs=2, callbacks=[Initialization()])
     fit.fit(cosine(module, 2), datamodule=data)
     fit.save_checkpoint(tmp_path / "last.ckpt")
     fit = trainer(max_epochs=5, callbacks=[rates := Rates()])
     fit.fit(cosine(module, 5, 0.1), datamodule=data, ckpt_path=tmp_path / "last.ckpt", weights_only=True)
-    assert rates.seen == pytest.approx([0.05 * (1 + math.cos(math.pi * epoch / 5)) for epoch in (2, 3, 4)])
+    expected = [0.05 * (1 + math.cos(math.pi * epoch / 5)) for epoch in (2, 3, 4)]
+    assert [rate for (rate,) in rates.seen] == pytest.approx(expected)
     moments = fit.optimizers[0].state_dict()["state"][0]
     assert moments["step"] == 15  # three steps an epoch: the moments were not started anew
 

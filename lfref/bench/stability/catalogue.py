@@ -213,6 +213,7 @@ FIELDS: tuple[HardCase, ...] = (
 """Views [V, U, C, H, W], evenly spaced slopes [N] and weights [V, U]."""
 
 NETWORK_GRID = (2, 2)
+_LEVELS = {"black": 0.0, "constant .5": 0.5, "white": 1.0}
 
 
 def _batch(mean: float, contrast: float, batch: int = 2, size: tuple[int, int] = (12, 14)) -> Make:
@@ -227,9 +228,7 @@ def _batch_with(value: float) -> Make:
 
 NETWORK_VIEWS: tuple[HardCase, ...] = (
     HardCase("benign", _batch(0.5, 0.4)),
-    HardCase("black", _batch(0, 0)),
-    HardCase("constant .5", _batch(0.5, 0)),
-    HardCase("white", _batch(1, 0)),
+    *(HardCase(name, _batch(level, 0)) for name, level in _LEVELS.items()),
     HardCase("mean .9, contrast .001", _batch(0.9, 0.001)),
     HardCase("mean 1000, contrast .01", _batch(1000, 0.01)),
     HardCase("one pixel of 1000", _batch_with(1000)),
@@ -239,6 +238,28 @@ NETWORK_VIEWS: tuple[HardCase, ...] = (
     HardCase("two pixels", _batch(0.5, 0.4, size=(1, 2))),
 )
 """Views of a small network, [B, V, U, C, H, W]."""
+
+
+def _start(views: Tensor) -> Make:
+    """Crops, and two planes of labels that are linear in them: the first view, and the mean of the views."""
+    return _rounded(views, torch.stack([views[:, 0, 0], views.mean((1, 2))], 1))
+
+
+def _crops(batch: int, grid: tuple[int, int], height: int, width: int) -> Tensor:
+    return 0.5 + 0.4 * noise(batch, *grid, 3, height, width)
+
+
+STARTS: tuple[HardCase, ...] = (
+    HardCase("benign", _start(_crops(3, NETWORK_GRID, 12, 14))),
+    *(HardCase(name, _start(level * torch.ones(3, *NETWORK_GRID, 3, 12, 14))) for name, level in _LEVELS.items()),
+    HardCase("every crop of one level", _start(_crops(3, (1, 1), 1, 1).expand(-1, *NETWORK_GRID, -1, 12, 14))),
+    HardCase("mean .9, contrast .001", _start(0.9 + 0.001 * noise(3, *NETWORK_GRID, 3, 12, 14))),
+    HardCase("views that are copies", _start(_crops(3, (1, 1), 12, 14).expand(-1, *NETWORK_GRID, -1, -1, -1))),
+    HardCase("one row of views", _start(_crops(3, (1, 7), 12, 14))),
+    HardCase("fewer pixels than unknowns", _start(_crops(1, (7, 7), 5, 6))),
+    HardCase("two pixels", _start(_crops(1, NETWORK_GRID, 1, 2))),
+)
+"""Crops [B, V, U, C, H, W] and labels [B, N, C, H, W] of which a network starts."""
 
 CAMERA = Camera(grid=(3, 4), size=(24, 32))
 SCENE_SLOPES = (-7.0, -0.5, 1e-9, 1.0)

@@ -94,8 +94,8 @@ def goals(components: Sequence[Component], rows: Sequence[Row]) -> list[Acceptan
         AcceptanceGoal(
             "dead output channels, 16 seeds, two initialisations",
             0,
-            lambda: dead_channels(is_primed=True),
-            lambda: dead_channels(is_primed=False),
+            lambda: dead_channels(is_scaled=True),
+            lambda: dead_channels(is_scaled=False),
         ),
         AcceptanceGoal("gradients not finite, 11 blocks, black and constant crops", 0, gradients_not_finite),
         AcceptanceGoal(
@@ -201,10 +201,10 @@ def share_with_finite_gradient(loss: ImageFunction, n: int = 2000) -> float:
     return count / n
 
 
-def dead_channels(is_primed: bool) -> int:
+def dead_channels(is_scaled: bool) -> int:
     """Number of output channels that are black on every pixel at the start, over all seeds and two initialisations.
 
-    Training sets the last layer on the first batch (`is_primed`).
+    The random start scales the last layer by the first batch (`is_scaled`).
     """
     views = (0.5 + 0.4 * noise(2, *catalogue.NETWORK_GRID, 3, 16, 16)).float()
     labels = (0.5 + 0.3 * noise(2, 16, 3, 16, 16, seed=1)).float()
@@ -212,12 +212,12 @@ def dead_channels(is_primed: bool) -> int:
     for seed, initialize in itertools.product(SEEDS, (None, nn.init.kaiming_normal_)):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            network = RefNet(grid=catalogue.NETWORK_GRID, widths=(16, 16), stem_width=16)
+            network = RefNet(grid=catalogue.NETWORK_GRID, widths=(16, 16), stem_width=16, initialization="random")
             for module in network.modules():
                 if initialize is not None and isinstance(module, nn.Conv2d):
                     initialize(module.weight)
-        if is_primed:
-            network.prime(views, None, labels)
+        if is_scaled:
+            network.initialize(views, None, labels)
         with torch.no_grad():
             dead += int((network(views) <= 0).all(0).flatten(2).all(2).sum())
     return dead

@@ -16,6 +16,7 @@ from torchmetrics.functional.image import peak_signal_noise_ratio, structural_si
 from lfref import geometry
 from lfref.functional.psnr import CEILING_DB
 from lfref.losses.composite import paper_weights
+from lfref.nets.blocks import InstanceNorm2d
 from lfref.refocus.fourier.slice import kaiser_bessel
 
 _DIMENSIONS = (-3, -2, -1)
@@ -170,7 +171,7 @@ def with_textbook_layers(network: nn.Module) -> nn.Module:
 
 REPLACEMENTS: dict[type, Callable[..., nn.Module]] = {
     nn.Softplus: lambda old: Softplus(),
-    nn.InstanceNorm2d: lambda old: Standardized((2, 3, 4)),
+    InstanceNorm2d: lambda old: Standardized((2, 3, 4)),
     nn.BatchNorm2d: lambda old: Standardized((0, 2, 3, 4)),
     nn.GroupNorm: lambda old: Standardized((2, 3, 4), old.num_groups),
 }

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from lfref.bench.stability.catalogue import FIELDS, IMAGES, NETWORK_VIEWS, SCENES, Demand
+from lfref.bench.stability.catalogue import FIELDS, IMAGES, NETWORK_VIEWS, SCENES, STARTS, Demand
 
 PUBLISHED = Path(__file__).with_name("hard_cases.json")
-KINDS = {"images": IMAGES, "fields": FIELDS, "network views": NETWORK_VIEWS}
+KINDS = {"images": IMAGES, "fields": FIELDS, "network views": NETWORK_VIEWS, "starts": STARTS}
 BY_NAME = {case.name: case for case in IMAGES}
 
 

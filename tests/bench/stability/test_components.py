@@ -1,6 +1,7 @@
 """Every component holds on its hard cases; textbook forms and wrong results are seen to fail."""
 
 import dataclasses
+import functools
 
 import pytest
 import torch
@@ -12,7 +13,8 @@ from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS
 
 IMAGES = {component.name: component for component in components.image_components()}
 OPERATORS = {component.name: component for component in components.operator_components()}
-NETWORKS = {component.name: component for component in components.network_components()}
+*WITH_RANDOM_WEIGHTS, START = components.network_components()
+NETWORKS = {component.name: component for component in WITH_RANDOM_WEIGHTS}
 
 
 def run(component, formulation, *cases):
@@ -85,6 +87,17 @@ def test_networks_stay_finite_and_are_right_on_benign_views(name, few_precisions
     # A black frame is amplified rounding noise: no value is correct, but every one is finite.
     assert {row["outcome"] for row in rows} <= {"holds", "inexact"}
     assert all(row["holds"] == "yes" for row in rows if row["case"] not in ("black", "two pixels"))
+
+
+def test_the_linear_start_gives_its_labels_on_all_hard_crops():
+    lost = [row for row in run(START, OURS) if row["holds"] != "yes"]
+    assert not lost, lost
+
+
+def test_a_random_start_does_not_hold():
+    random = functools.partial(components.started, initialization="random")
+    rows = run(START._replace(formulations={OURS: random}), OURS, "benign")
+    assert {row["outcome"] for row in rows} == {"inexact"}
 
 
 def test_textbook_norms_fail_on_black_views():

@@ -91,9 +91,9 @@ def test_our_loss_is_finite_on_drawn_pairs_and_the_papers_is_not():
     assert goals.share_with_finite_gradient(textbook.composite, 300) < 0.8
 
 
-def test_no_channel_is_dead_after_priming():
-    assert goals.dead_channels(is_primed=True) == 0
-    assert goals.dead_channels(is_primed=False) > 50
+def test_no_channel_is_dead_after_the_random_start():
+    assert goals.dead_channels(is_scaled=True) == 0
+    assert goals.dead_channels(is_scaled=False) > 50
 
 
 def test_gradients_of_black_and_constant_crops_are_finite():

@@ -86,6 +86,20 @@ def test_scenes_are_evaluated_by_truth_without_their_sensor_with_it_and_correcte
     assert {row["is_network"] for row in found["bench"]} == {"False"}
 
 
+def test_the_mean_of_views_explains_nothing_and_is_the_plainest_point(lfref, tmp_path):
+    words = (*QUICK, *(word for word in FEW if word != "~methods.mean_of_views"), "planes.alphas=[0.25,0.8,1]")
+    words += ("test_scenes=[stripes,graded]", "scene.camera.size=[32,40]", "correct=none")
+    assert lfref("bench", *words, f"output={tmp_path}/run")[0] == 0
+    rows = read_table(tmp_path / "run" / "bench.csv").set_index(["method", "class"])
+    planes = read_table(tmp_path / "run" / "evaluation.csv").query("`class` == 'ideal' and slope != 0")
+    errors = (10 ** (-planes["psnr_db"] / 10)).groupby(planes["method"]).sum()
+    for method in (*KEPT, "mean_of_views"):
+        row, own = rows.loc[method, "ideal"], planes[planes["method"] == method]
+        assert row["explained"] == pytest.approx(1 - errors[method] / errors["mean_of_views"])
+        assert row["nonzero_psnr_db"] == pytest.approx(own["psnr_db"].clip(upper=70).mean())
+    assert rows.loc["shift_and_sum", "ideal"]["explained_wide"] > 0.5
+
+
 def test_the_log_has_the_answer_and_crops_show_where_ours_is_worst(front):
     _, folder = front("test_scenes=[stripes,graded]", "scene.camera.size=[32,40]", "margin=4", "aliased=true")
     answer = answers.of_bench(*(read_table(folder / f"{name}.csv") for name in ("bench", "scenes")))
