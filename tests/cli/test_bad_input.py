@@ -158,7 +158,10 @@ def test_output_that_cannot_be_written(lfref, tmp_path, words):
     [
         (("refocus",), "input"),
         (("eval",), "input"),
-        (("eval", "input={field}", "~methods.shift_and_sum_through_cells"), "checkpoint=PATH"),
+        (
+            ("eval", "input={field}", "~methods.shift_and_sum_through_cells", "~methods.mean_of_views"),
+            "checkpoint=PATH",
+        ),
         (("report",), "runs"),
         (("report", "runs=[{field}]"), "run folder"),
         (("train", "data=folder"), "path"),

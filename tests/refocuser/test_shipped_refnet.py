@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from torch.nn import functional as F
 
 import lfref
 from lfref.data.field_sources import SimulatedSource
@@ -13,7 +12,6 @@ from lfref.refocuser.networks import SHIPPED
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
-LAPLACIAN = torch.tensor([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])[None, None]
 FROM_375 = slice(2, None)
 """Planes of alpha .375 and more."""
 
@@ -36,11 +34,6 @@ def explained(network, views, labels, stack):
     return {group: float(metric(stack, labels, views.mean((-5, -4)))) for group, metric in metrics.items()}
 
 
-def sharpness(stack):
-    flat = stack.flatten(0, -3)[:, None]
-    return F.conv2d(flat, LAPLACIAN).abs().mean((1, 2, 3)).reshape(*stack.shape[:-2]).mean(-1)
-
-
 def test_it_has_the_papers_planes_and_its_card(network):
     assert network.planes.alphas == tuple(step / 8 for step in range(1, 17))
     assert (network.grid, network.is_linear, network.name) == ((7, 7), True, "refnet")
@@ -52,6 +45,14 @@ def test_it_explains_most_of_refocusing(network, stacks):
     shares = explained(network, *stacks)
     assert shares["near"] > 0.9
     assert shares["wide"] > 0.85
+
+
+def test_it_refocuses_a_real_capture(network, lytro):
+    views = lfref.read(lytro, views=[7, 7]).views
+    labels = shift_and_sum(views, network.planes.slopes)
+    shares = explained(network, views, labels, network(views))
+    assert shares["near"] > 0.98
+    assert shares["wide"] > 0.92
 
 
 def test_each_plane_is_nearest_to_its_own_label(network, stacks):
