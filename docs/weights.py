@@ -61,10 +61,16 @@ LIMITS = """three channels of linear light, even grids; may be worse than the me
 nearly exact (beyond 70 dB), in planes close to fine stripes, and beyond the grids and disparities of its training"""
 
 
-def refnet_notes(run: Run) -> dict[str, object]:
-    """Training of the RefNet of a run, and its accuracy by shift-and-sum on the scenes of sim30 without sensors."""
-    network = networks.restored_network(run.last, checkpoint.read(run.last), "refnet")
+def refnet_notes(run: Run, contents: Mapping[str, Any]) -> dict[str, object]:
+    """Training of the RefNet of a run, and the accuracy of these weights on the scenes of sim30, by shift-and-sum."""
+    network = networks.restored_network(run.last, contents, "refnet")
     return {"lfref": lfref.__version__, "command": command(run), "sim30": by_labels(network, scenes())}
+
+
+def compact(contents: Mapping[str, Any]) -> dict[str, Any]:
+    """A checkpoint of RefNet whose large weights are in half precision; the head's fix the colours of dark captures."""
+    state = contents["state_dict"].items()
+    return {**contents, "state_dict": {name: value.half() if value.numel() > LARGE else value for name, value in state}}
 
 
 def scenes() -> Iterator[LightField]:
@@ -196,15 +202,10 @@ def main() -> None:
     else:
         run = Run.of(options.run)
         contents = checkpoint.read(run.last if is_refnet else run.best)
-        facts = refnet_notes(run) if is_refnet else notes(run)
+        contents = compact(contents) if is_refnet else contents
+        facts = refnet_notes(run, contents) if is_refnet else notes(run)
     if options.scale != 1:
         facts["scale"], contents = options.scale, scaled(contents, options.scale)
-    if is_refnet:
-        contents["state_dict"] = {
-            # Half of the bytes at no cost, but for the head, whose weights fix the colours of dark captures.
-            name: value.half() if value.numel() > LARGE else value
-            for name, value in contents["state_dict"].items()
-        }
     facts["card"] = REFNET_CARD if is_refnet else card(facts)
     checkpoint.write_weights(path, contents, facts)
     if is_refnet and options.to is None:

@@ -86,24 +86,19 @@ def _rows(config: DictConfig, optional: list[str]) -> int | None:
 
 
 def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:
-    """The method with the configured planes; a network has its own planes unless the command line names others."""
+    """The method or trained network with its planes; a network has its own unless the command line names others."""
     planes: Planes = configs.build(config.planes)
     aperture = configs.build(config.aperture)
-    if config.checkpoint is None:
-        return configs.build(config.method, aperture=aperture).to(device), planes
-    trained = load(config.checkpoint, device)
-    network = trained.through(aperture)
-    if network is trained and getattr(aperture, "func", aperture) is not apertures.full:
-        expected, remedy = (
-            f"{trained.name} weighs the views as it was trained",
-            "leave aperture out, or choose a method",
-        )
+    given = configs.build(config.method).to(device) if config.checkpoint is None else load(config.checkpoint, device)
+    refocuser = given.through(aperture)
+    if refocuser is given and getattr(aperture, "func", aperture) is not apertures.full:
+        expected, remedy = f"{given.name} weighs the views by itself", "leave aperture out, or choose another method"
         raise InputError(expected, got="an aperture", remedy=remedy)
     are_named = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
-    planes = planes if network.planes is None or are_named else network.planes
+    planes = planes if refocuser.planes is None or are_named else refocuser.planes
     if isinstance(planes, FocalPlanes):
-        network.slopes(planes.slopes)  # the network refuses planes that are not its own, before any work is done
-    return network, planes
+        refocuser.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
+    return refocuser, planes
 
 
 main = command(refocus, resume.go_on, resume.expanded_to_folder)

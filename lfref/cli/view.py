@@ -97,7 +97,7 @@ def _refocusers(config: DictConfig, aperture: Aperture) -> list[Refocuser]:
     """The checkpoint, then the methods; equal names are numbered."""
     refocusers = [load(config.checkpoint)] if config.checkpoint is not None else []
     methods = [method for method in (config.methods or {}).values() if method is not None]
-    refocusers += [configs.build(method, aperture=aperture) for method in methods]
+    refocusers += [configs.build(method).through(aperture) for method in methods]
     if not refocusers:
         raise InputError(
             "a page must show at least one method", got="none", remedy="give method=NAME or checkpoint=RUN"

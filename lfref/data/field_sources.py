@@ -136,10 +136,12 @@ class SimulatedSource(Source):
             field = self._rendered(index, 0)
             if self.planes:
                 _keep(path.with_suffix(TRUTH), field.photograph(self.planes))
+            if field.weight is not None:
+                _keep(path.with_suffix(WEIGHT), field.weight)
             _keep(path, field.views)  # last: a field whose views are there is whole
-        views = torch.from_numpy(np.load(path, mmap_mode="c"))
-        name = self.scenes.scene(self.seed, 0, index).name
-        return SimulatedField(views, name, photograph=functools.partial(_kept_photograph, path.with_suffix(TRUTH)))
+        name, weight = self.scenes.scene(self.seed, 0, index).name, path.with_suffix(WEIGHT)
+        photograph = functools.partial(_kept_photograph, path.with_suffix(TRUTH))
+        return SimulatedField(_kept(path), name, _kept(weight) if weight.is_file() else None, photograph=photograph)
 
     def _rendered(self, index: int, epoch: int) -> SimulatedField:
         scene = self.scenes.scene(self.seed, epoch, index)
@@ -152,8 +154,8 @@ class SimulatedSource(Source):
         return SimulatedField(corrected.views, scene.name, corrected.weight, photograph=photograph)
 
 
-TRUTH = ".truth.npy"
-"""End of the name of a file with photographs that are kept."""
+TRUTH, WEIGHT = ".truth.npy", ".weight.npy"
+"""Ends of the names of files with photographs and weights that are kept."""
 
 
 def _keep(path: Path, images: Tensor) -> None:
@@ -163,9 +165,14 @@ def _keep(path: Path, images: Tensor) -> None:
         np.save(file, images.half().numpy())
 
 
+def _kept(path: Path) -> Tensor:
+    """Images that `_keep` wrote, mapped into memory, float16."""
+    return torch.from_numpy(np.load(path, mmap_mode="c"))
+
+
 def _kept_photograph(path: Path, slopes: tuple[float, ...]) -> Tensor:
     """The photographs of a kept field, which are those of the source's `planes`."""
-    return torch.from_numpy(np.load(path, mmap_mode="c")).float()
+    return _kept(path).float()
 
 
 def _photograph(simulation: Simulation, slopes: tuple[float, ...]) -> Tensor:

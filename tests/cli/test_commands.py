@@ -15,6 +15,7 @@ from lfref.io.read import read, read_stack
 from lfref.refocus import apertures
 from lfref.refocus.focus.all_in_focus import extended_focus
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.load import load
 from lfref.report import answers
 from lfref.report.tables import read_table
 from tests.cli.conftest import TINY
@@ -100,10 +101,26 @@ def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
     assert "ask for these planes" in error
 
 
+def test_the_shipped_refnet_reads_the_central_views_and_brings_its_planes(lfref, tmp_path):
+    words = ("n_fields=1", "scene.camera.grid=[9,9]", "scene.camera.size=[64,72]", "outputs=[views]")
+    assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
+    field = tmp_path / "scenes" / "simulated_s0_e0_000"
+    words = ("refocus", field, "method=refnet", "correct=none", f"output={tmp_path}/out")
+    status, error = lfref(*words)
+    assert status == 0, error
+    stack, planes = read_stack(tmp_path / "out" / "stack.exr")
+    assert planes.alphas == tuple(step / 8 for step in range(1, 17))
+    expected = load("refnet")(read(field, views=[7, 7]), planes.slopes)
+    torch.testing.assert_close(stack, expected, atol=1e-3, rtol=0)
+    status, error = lfref(*words[:3], "aperture=disc", f"output={tmp_path}/no")
+    assert status == 1
+    assert "got an aperture" in error
+
+
 def test_refocus_refuses_an_aperture_that_a_network_cannot_have(lfref, trained, tmp_path):
     field = trained / "scenes" / "simulated_s0_e0_000"
     words = ("refocus", f"input={field}", f"run={trained}/run", "aperture=disc", f"output={tmp_path}/out")
-    assert "weighs the views as it was trained; got an aperture" in assert_one_line(*lfref(*words))
+    assert "weighs the views by itself; got an aperture" in assert_one_line(*lfref(*words))
 
 
 def test_refocus_corrects_a_reversed_axis_of_views_or_warns_of_it(lfref, trained, tmp_path):

@@ -144,6 +144,16 @@ def test_fields_that_are_kept_are_rendered_once_and_rounded_to_half_precision(ra
     assert torch.equal(crop.photograph(SLOPES), again.photograph(SLOPES)[..., 2:8, 3:10])
 
 
+def test_weights_are_kept_too(tmp_path, monkeypatch):
+    source = SimulatedSource(1, 0, RandomScenes(Camera(size=(12, 13))), kept_in=tmp_path)
+    rendered = source._rendered(0, 0)
+    weight = torch.ones(7, 7, 1, 12, 13)
+    weight[0, 0] = 0
+    monkeypatch.setattr(source, "_rendered", lambda index, epoch: replace(rendered, weight=weight))
+    for field in (source.field(0), source.field(0)):
+        torch.testing.assert_close(field.crop(0, 0, 8, 9).weight.float(), weight[..., :8, :9])
+
+
 def test_scenes_or_settings_that_differ_are_kept_apart(tmp_path):
     def folder(seed=0, scenes=SMALL, reach=0.5, correct="none", planes=SLOPES):
         return SimulatedSource(2, seed, scenes, reach, correct, tmp_path, planes).folder
