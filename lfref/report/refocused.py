@@ -18,10 +18,8 @@ from lfref.io import images
 from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import CLEAR, DisparityMap, disparity_map, order_score
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus, index_to_slope
-from lfref.refocus.mean_of_views import mean_of_views as mean_stack
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import filling
-from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import disparity_colours, pictures
 
 log = logging.getLogger(__name__)
@@ -61,7 +59,12 @@ class PictureFiles:
 
 def mean_of_views(field: LightField) -> Tensor:
     """Mean of all views by their weights, not refocused, [C, H, W]; black where all weights are 0."""
-    return OperatorRefocuser("mean_of_views", mean_stack)(field, [0.0])[0]
+    if field.weight is None:
+        return field.views.mean(dim=(0, 1))
+    weight = field.weight.to(field.views)
+    total = weight.sum(dim=(0, 1))
+    light = torch.where(weight > 0, field.views * weight, 0.0)  # samples of weight 0 may be NaN
+    return torch.where(total > 0, light.sum(dim=(0, 1)) / total.clamp(min=1e-6), 0.0)
 
 
 def brightening(field: LightField) -> float:
