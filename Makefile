@@ -45,7 +45,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 demo: install
 	rm -rf "$(DEMO)"
 	$(BIN)/lfref simulate output="$(DEMO)/scenes" n_fields=4 scene.camera.size=[240,320] outputs=[views,truth] seed=2026
-	$(BIN)/lfref simulate scene=evening output="$(DEMO)/evening" outputs=[views,truth]
+	$(if $(INPUT),,$(BIN)/lfref simulate scene=evening output="$(DEMO)/evening" outputs=[views,truth])
 	$(BIN)/lfref train experiment=demo output="$(DEMO)/refnet_demo"
 	$(BIN)/lfref eval "$(DEMO)/scenes" run="$(DEMO)/refnet_demo" truth="$(DEMO)/scenes/truth" output="$(DEMO)/eval"
 	$(BIN)/lfref refocus "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/refocus_refnet"

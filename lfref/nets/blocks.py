@@ -125,6 +125,26 @@ class ResBlock(nn.Module):
         return self.activation(self.body(features) + self.skip(features))
 
 
+def places(length: int, count: int, device: torch.device) -> Tensor:
+    """Places of the pixels of a row among `count`: those at its ends have one each, the others share the middle one."""
+    steps, n = torch.arange(length, device=device), count // 2
+    return steps.clamp(max=n) + (steps - (length - 1 - n)).clamp(min=0)
+
+
+def by_place(values: Tensor, height: int, width: int) -> Tensor:
+    """Values of each place along both axes, [K, P, P], as a map [K, height, width]."""
+    rows, columns = (places(length, values.shape[-1], values.device) for length in (height, width))
+    return values.index_select(1, rows).index_select(2, columns)
+
+
+def sum_by_place(images: Tensor, count: int) -> Tensor:
+    """Sums of images [B, K, H, W] over their pixels of each place, [K, P, P]; P = `count`."""
+    rows, columns = (places(length, count, images.device) for length in images.shape[-2:])
+    of_rows = images.new_zeros(len(rows), count).scatter_(1, rows[:, None], 1)
+    of_columns = images.new_zeros(len(columns), count).scatter_(1, columns[:, None], 1)
+    return torch.einsum("bkhw,hp,wq->kpq", images, of_rows, of_columns)
+
+
 def padded(images: Tensor, side: int) -> Tensor:
     """Images [B, K, H, W] with the last row and column repeated until both are multiples of `side`."""
     if side == 1:

@@ -105,6 +105,8 @@ def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, Fo
         kind: Any = extensions.load_class(arguments.pop(CLASS)) if CLASS in arguments else NETWORKS.get(name)
         if not (isinstance(kind, type) and issubclass(kind, Network)):
             raise CheckpointError(f"{path} must hold one of {', '.join(NETWORKS)}", got=name, remedy="update lfref")
+        if kind is RefNet:
+            arguments.setdefault("padding", "zeros")  # files of before there was a choice
         planes = planes_from(entry["planes"])
         network: Network = built(path, kind, arguments, contents["state_dict"])
         check_number(network, planes)

@@ -15,8 +15,12 @@ The linear start passes the labels' best linear prediction through the whole net
    so that labels in [0, 1] give BASE <= f <= BASE + GAIN. There ReLU is the identity, and softplus is it to 3e-4.
 2. Blocks. Skips are the identity on the first K channels, and the last convolution of each body is 0 there, so that f
    arrives at the head unchanged. Its other channels, and all other filters, stay random: from them the body learns.
-3. Head. A second ridge regression leads from the last block's features to y + OFFSET, which is positive, so that ReLU
-   is the identity again; the last convolution is the identity minus OFFSET.
+3. Head. The labels' prediction is read off f again, and a second ridge regression adds what all features of the last
+   block say about the rest. The head's first convolution gives it plus OFFSET, which is positive, so that ReLU is the
+   identity again; the last one is the identity minus OFFSET.
+4. Edge of the frame. Near focus a label is the mean over the views that have a sample there; what the stem sums, zeros
+   beyond the frame included, is that mean times the share of these views. So each output channel has a gain for each
+   place whose stem reads beyond the frame, sum(out y) / sum(out^2) over the crops.
 
 Regression: with covariances Cxx and Cxy over all pixels, W = (Cxx + RIDGE tr(Cxx) / n I)^-1 Cxy, in float64. It exists
 for any data: constant crops give W = 0, equal views share their weight, and few samples lose against the ridge.
@@ -33,6 +37,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from lfref.nets import blocks
 from lfref.nets.blocks import ResBlock
 
 Total = Callable[[Tensor], Tensor]
@@ -141,12 +146,40 @@ def pass_through(block: ResBlock, n_carried: int) -> None:
         _bias(skip)[:n_carried] = 0
 
 
+def reading(first: nn.Conv2d, directions: Tensor) -> tuple[Tensor, Tensor]:
+    """Weights [N C r^2, F k k] and bias [N C r^2] by which the head's first convolution reads the labels off f."""
+    low, span = directions.clamp(max=0).sum(0), directions.abs().sum(0)
+    weights = torch.zeros_like(first.weight, dtype=torch.float64)
+    middle = first.kernel_size[0] // 2
+    weights[:, : directions.shape[1], middle, middle] = directions * span / GAIN
+    return weights.flatten(1), directions @ (low - BASE * span / GAIN)
+
+
 def set_head(first: nn.Conv2d, last: nn.Conv2d, weights: Tensor, bias: Tensor) -> None:
     """Step 3 of the linear start: the first convolution predicts the labels and OFFSET, the last one takes it off."""
     first.weight.copy_(weights.reshape(first.weight.shape))
     _bias(first).copy_(bias + OFFSET)
     nn.init.dirac_(last.weight)
     _bias(last).fill_(-OFFSET)
+
+
+def edge_gains(pairs: Iterable[tuple[Tensor, Tensor]], gains: Tensor, total: Total = one_process) -> Tensor:
+    """Step 4 of the linear start: the gains [K, 2 n + 1, 2 n + 1] by which outputs come nearest to their labels.
+
+    Args:
+        pairs: Outputs and labels of crops, [B, K, H, W] each.
+        gains: Of which only the shape counts.
+        total: As for `ridge_regression`.
+    """
+    products, squares = torch.zeros(2, *gains.shape, dtype=torch.float64, device=gains.device)
+    for output, label in pairs:
+        out, y = output.double(), label.double()
+        products += blocks.sum_by_place(out * y, gains.shape[-1])
+        squares += blocks.sum_by_place(out.square(), gains.shape[-1])
+    # Black crops have gains of 1.
+    result = (total(products) + LEAST_PENALTY) / (total(squares) + LEAST_PENALTY)
+    result[:, gains.shape[1] // 2, gains.shape[2] // 2] = 1  # all pixels that lack no sample
+    return result
 
 
 def _bias(convolution: nn.Conv2d) -> Tensor:

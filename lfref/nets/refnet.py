@@ -28,7 +28,8 @@ from lfref.nets.network import Network
 PAPER_WIDTHS = (512,) * 6 + (384,) + (256,) * 4
 LINEAR, RANDOM = "linear", "random"
 INITIALIZATIONS = LINEAR, RANDOM
-PADDINGS = "zeros", "replicate"
+ZEROS, RENORMALIZE = "zeros", "renormalize"
+PADDINGS = ZEROS, RENORMALIZE
 START_PIXELS = 1 << 15
 """Pixels of crops that the linear start is computed of, evenly drawn where there are more."""
 START_BORDER = 4
@@ -54,8 +55,9 @@ class RefNet(Network):
         kernel: Side of the convolution in the middle of a block, odd.
         dilation: Distance between the samples of that convolution in (coarse) pixels, for all blocks or for each; a
             list is stretched to the number of blocks, as the widths are.
-        padding: What the first and last convolutions read beyond the frame: `zeros` (the paper's), or the pixels at its
-            edge (`replicate`). Blocks read zeros, the mean of what normalisation leaves.
+        padding: Convolutions read zeros beyond the frame, where labels are means over the views that have a sample
+            there. With `renormalize` the output at the frame's edge is multiplied by gains, one for each channel and
+            place; with `zeros` (the paper's) it is not.
         initialization: `linear` (`lfref.nets.initialization`) or `random` (the paper's), once a training begins.
 
     Raises:
@@ -84,7 +86,7 @@ class RefNet(Network):
         shuffle: int = 1,
         kernel: int = 3,
         dilation: int | Sequence[int] = 1,
-        padding: str = "zeros",
+        padding: str = RENORMALIZE,
         initialization: str = LINEAR,
     ) -> None:
         super().__init__()
@@ -125,20 +127,20 @@ class RefNet(Network):
         self.reach = max(dilations) * (kernel // 2)
         outputs, samples = n_planes * channels * shuffle**2, grid[0] * grid[1] * channels * shuffle**2
         pairs = itertools.pairwise([stem_width, *schedule])
-        # A kernel of 1 reads nothing beyond the frame; PyTorch would copy its input, and cannot compile the gradient.
-        of_head: dict[str, Any] = {"padding": head_kernel // 2, "padding_mode": padding if head_kernel > 1 else "zeros"}
-        of_stem: dict[str, Any] = {"padding": stem_kernel // 2, "padding_mode": padding}
         self.trunk = nn.Sequential(
-            StemConv2d(samples, stem_width, stem_kernel, **of_stem),
+            StemConv2d(samples, stem_width, stem_kernel, padding=stem_kernel // 2),
             nn.ReLU(),
             *(
                 ResBlock(a, b, activation, normalization, style, kernel, distance)
                 for (a, b), distance in zip(pairs, dilations, strict=True)
             ),
-            WideConv2d(schedule[-1], outputs, head_kernel, **of_head),
+            WideConv2d(schedule[-1], outputs, head_kernel, padding=head_kernel // 2),
             nn.ReLU(),
         )
-        self.head = WideConv2d(outputs, outputs, head_kernel, **of_head)
+        self.head = WideConv2d(outputs, outputs, head_kernel, padding=head_kernel // 2)
+        # Pixels whose stem reads beyond the frame: for each place among them, and for all others.
+        places = 2 * (stem_kernel // 2) + 1
+        self.gains = nn.Parameter(torch.ones(outputs, places, places)) if padding == RENORMALIZE else None
 
     def features(self, views: Tensor) -> Tensor:
         """Input of the last convolution: views [..., V, U, C, H, W] -> [B, N C r^2, H / r, W / r], rounded up.
@@ -178,12 +180,13 @@ class RefNet(Network):
                 f"this network makes {counted(self.config['n_planes'], 'plane')}", got=counted(len(slopes), "slope")
             )
         height, width = views.shape[-2:]
-        images = F.pixel_shuffle(torch.relu(self.head(self.features(views))), self.shuffle)[..., :height, :width]
+        images = F.pixel_shuffle(self._outputs(views), self.shuffle)[..., :height, :width]
         return images.reshape(*views.shape[:-5], self.config["n_planes"], self.config["channels"], height, width)
 
     def ends(self) -> Iterator[nn.Parameter]:
-        """Parameters of the stem and of both convolutions of the head."""
-        return itertools.chain(*(part.parameters() for part in (self.trunk[0], self.trunk[-2], self.head)))
+        """Parameters of the stem, of both convolutions of the head and of the frame's edge."""
+        gains = [] if self.gains is None else [self.gains]
+        return itertools.chain(*(part.parameters() for part in (self.trunk[0], self.trunk[-2], self.head)), gains)
 
     @torch.no_grad()
     def initialize(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
@@ -193,35 +196,57 @@ class RefNet(Network):
             initialization.scale_outputs(self.head, self.features(views), targets, total)
             return
         stem, *_, first = (layer for layer in self.trunk if isinstance(layer, nn.Conv2d))
+        weights, bias, directions = self._prediction(stem, views, targets, total)
+        initialization.set_stem(stem, weights, bias, directions)
+        for block in (layer for layer in self.trunk if isinstance(layer, ResBlock)):
+            initialization.pass_through(block, directions.shape[1])
+        read_off, offset = initialization.reading(first, directions)
+        rest = (
+            (read, target - (read_off @ read.double().flatten(2) + offset[:, None]).view_as(target))
+            for read, target in self._pairs(first, self.trunk[:-2], views, targets)
+        )
+        weights, bias, _ = initialization.ridge_regression(rest, total)
+        initialization.set_head(first, self.head, read_off + weights, offset + bias)
+        if self.gains is not None:
+            crops = zip(views.split(1), targets.split(1), strict=True)
+            of_crops = ((self._outputs(crop), target) for crop, target in crops)
+            self.gains.copy_(initialization.edge_gains(of_crops, self.gains, total))
+
+    def _prediction(self, stem: nn.Conv2d, views: Tensor, targets: Tensor, total: Total) -> tuple[Tensor, ...]:
+        """Weights and bias of step 1 of the linear start, and the directions of the labels that the stem carries."""
         n_colours, n_inner = int(self.config["channels"]), self.shuffle**2
         n_read = n_inner * math.prod(stem.kernel_size)
-        border = -(-START_BORDER // self.shuffle)
-        inner = [slice(border, -border) if size > 2 * border else slice(None) for size in targets.shape[-2:]]
-        every = -(-targets[:, 0].numel() // START_PIXELS)
-
-        def pairs(convolution: nn.Conv2d, layers: nn.Module) -> Iterator[tuple[Tensor, Tensor]]:
-            for crop, target in zip(views.split(1), targets.split(1), strict=True):
-                read = initialization.neighbourhoods(layers(self._inputs(crop)), convolution)
-                yield tuple(  # type: ignore[misc]
-                    each[..., inner[0], inner[1]].flatten(2)[..., ::every, None] for each in (read, target)
-                )
-
         apart = initialization.apart_by_colour
         by_colour = (
             (apart(read, n_colours, n_read), apart(target, n_colours, n_inner))
-            for read, target in pairs(stem, nn.Identity())
+            for read, target in self._pairs(stem, nn.Identity(), views, targets)
         )
         weights, bias, covariance = initialization.ridge_regression(by_colour, total)
         half = max(1, min(stem.out_channels, *self.config["widths"]) // 2)
         directions = initialization.kept_directions(weights @ covariance @ weights.T, max(1, half // n_colours))
-        directions = initialization.for_all_colours(directions, n_colours, (n_inner, 1))[:, :half]
-        weights = initialization.for_all_colours(weights, n_colours, (n_inner, n_read))
-        bias = bias.unflatten(0, (-1, 1, n_inner)).expand(-1, n_colours, -1).flatten()
-        initialization.set_stem(stem, weights, bias, directions)
-        for block in (layer for layer in self.trunk if isinstance(layer, ResBlock)):
-            initialization.pass_through(block, directions.shape[1])
-        weights, bias, _ = initialization.ridge_regression(pairs(first, self.trunk[:-2]), total)
-        initialization.set_head(first, self.head, weights, bias)
+        return (
+            initialization.for_all_colours(weights, n_colours, (n_inner, n_read)),
+            bias.unflatten(0, (-1, 1, n_inner)).expand(-1, n_colours, -1).flatten(),
+            initialization.for_all_colours(directions, n_colours, (n_inner, 1))[:, :half],
+        )
+
+    def _pairs(
+        self, convolution: nn.Conv2d, layers: nn.Module, views: Tensor, targets: Tensor
+    ) -> Iterator[tuple[Tensor, Tensor]]:
+        """What a convolution reads after these layers, and the labels there, without the border of crops."""
+        border = -(-START_BORDER // self.shuffle)
+        rows, columns = (slice(border, -border) if size > 2 * border else slice(None) for size in targets.shape[-2:])
+        every = -(-targets[:, 0].numel() // START_PIXELS)
+        for crop, target in zip(views.split(1), targets.split(1), strict=True):
+            read = initialization.neighbourhoods(layers(self._inputs(crop)), convolution)
+            yield tuple(  # type: ignore[misc]
+                each[..., rows, columns].flatten(2)[..., ::every, None] for each in (read, target)
+            )
+
+    def _outputs(self, views: Tensor) -> Tensor:
+        """Stacks of views [..., V, U, C, H, W] on the coarser grid, [B, N C r^2, H / r, W / r], sizes rounded up."""
+        images = torch.relu(self.head(self.features(views)))
+        return images if self.gains is None else images * blocks.by_place(self.gains, *images.shape[-2:])
 
     def _inputs(self, views: Tensor) -> Tensor:
         """Views [..., V, U, C, H, W] as the channels of (coarse) pixels, [B, V U C r^2, H / r, W / r], rounded up."""

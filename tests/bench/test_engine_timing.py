@@ -39,7 +39,7 @@ def fields():
 
 
 def network():
-    return RefNet(n_planes=2, grid=(3, 3), widths=(8,), stem_width=8, padding="replicate")
+    return RefNet(n_planes=2, grid=(3, 3), widths=(8,), stem_width=8)
 
 
 def test_a_network_reads_views_and_has_the_truth_of_the_scenes(fields):

@@ -80,6 +80,22 @@ def test_under_autocast_the_stem_adds_its_bias_to_what_it_rounds():
         torch.testing.assert_close(stem(images), small + bias[:, None, None], atol=4e-6, rtol=0)
 
 
+@pytest.mark.parametrize(("length", "expected"), [(6, [0, 1, 2, 2, 3, 4]), (4, [0, 1, 3, 4]), (3, [0, 2, 4]), (1, [2])])
+def test_pixels_near_an_end_have_places_of_their_own(length, expected):
+    assert blocks.places(length, 5, torch.device("cpu")).tolist() == expected
+
+
+def test_values_by_place_are_spread_over_the_frame_and_summed_again():
+    values = torch.rand(4, 3, 3)
+    spread = blocks.by_place(values, 5, 7)
+    assert spread.shape == (4, 5, 7)
+    assert torch.equal(spread[:, 0, 6], values[:, 0, 2])
+    assert torch.equal(spread[:, 1:-1, 1:-1], values[:, 1:2, 1:2].expand(-1, 3, 5))
+    summed = blocks.sum_by_place(torch.stack([spread, 2 * spread]), 3)
+    counts = torch.tensor([1, 3, 1])[:, None] * torch.tensor([1, 5, 1])
+    torch.testing.assert_close(summed, 3 * values * counts)
+
+
 @pytest.mark.parametrize(("kernel", "dilation", "reach"), [(3, 1, 1), (5, 1, 2), (3, 3, 3), (5, 2, 4), (1, 4, 0)])
 def test_a_block_sees_as_far_as_the_kernel_in_its_middle(kernel, dilation, reach):
     block = ResBlock(2, 4, normalization="none", kernel=kernel, dilation=dilation)

@@ -63,7 +63,7 @@ def test_training_starts_from_the_weights_of_a_file(saved, network, name):
 
 
 def test_a_checkpoint_of_before_the_linear_start_gives_the_same_stack(tmp_path):
-    network = RefNet(**TINY, dilation=2).eval()
+    network = RefNet(**TINY, dilation=2, padding="zeros").eval()
     state = {checkpoint.PREFIX + name: value for name, value in network.state_dict().items()}
     entry = checkpoint.payload(network, PLANES)
     assert entry["network"].pop("padding") == "zeros"

@@ -23,7 +23,8 @@ def count(network):
 
 
 def test_the_default_has_the_stated_number_of_parameters(paper):
-    assert count(paper) == 12_500_768
+    of_gains = 48 * 3 * 3
+    assert count(paper) == 12_500_768 + of_gains
 
 
 def test_the_default_is_the_papers_architecture(paper):
@@ -39,8 +40,8 @@ def test_the_default_is_the_papers_architecture(paper):
 
 def test_parameters_by_hand():
     # stem 6*5*9+5; block 5->6: 1x1 5*6+6, 3x3 6*3*9+3, 1x1 3*6+6, norms 2*(6+3), skip 5*6+6;
-    # block 6->4: 6*4+4, 4*2*9+2, 2*4+4, norms 2*(4+2), skip 6*4+4; last two 4*2+2, 2*2+2.
-    by_hand = 275 + (36 + 165 + 24 + 18 + 36) + (28 + 74 + 12 + 12 + 28) + 10 + 6
+    # block 6->4: 6*4+4, 4*2*9+2, 2*4+4, norms 2*(4+2), skip 6*4+4; last two 4*2+2, 2*2+2; gains 2*3*3.
+    by_hand = 275 + (36 + 165 + 24 + 18 + 36) + (28 + 74 + 12 + 12 + 28) + 10 + 6 + 18
     assert count(RefNet(**TINY)) == by_hand
 
 
@@ -108,7 +109,7 @@ def test_the_schedule_of_widths_is_stretched_or_thinned(widths, n_blocks, expect
         {"activation": "gelu", "normalization": "group", "style": "sibling"},
         {"stem_kernel": 5, "head_kernel": 3, "normalization": "batch"},
         {"shuffle": 2, "kernel": 5, "dilation": 2},
-        {"n_blocks": 4, "dilation": [1, 2], "padding": "replicate", "initialization": "random"},
+        {"n_blocks": 4, "dilation": [1, 2], "padding": "zeros", "initialization": "random"},
     ],
 )
 def test_config_rebuilds_the_same_network_through_plain_text(options):
@@ -137,8 +138,8 @@ def test_views_that_do_not_fit_are_refused(shape, message):
 
 
 def test_networks_of_before_the_coarser_grid_are_built_and_run_as_they_were():
-    network = RefNet(**TINY).eval()
-    later = "shuffle", "kernel", "dilation", "padding", "initialization"
+    network = RefNet(**TINY, padding="zeros").eval()
+    later = "shuffle", "kernel", "dilation", "initialization"
     old = {name: value for name, value in network.config.items() if name not in later}
     twin = RefNet(**old).eval()
     twin.load_state_dict(network.state_dict())
@@ -204,12 +205,12 @@ def test_how_far_a_pixel_sees(options, expected):
     assert reach(**options) == expected
 
 
-def test_the_ends_are_the_stem_and_both_convolutions_of_the_head():
+def test_the_ends_are_the_stem_both_convolutions_of_the_head_and_the_gains():
     network = RefNet(**TINY)
     names = {id(parameter): name for name, parameter in network.named_parameters()}
-    ends = {name for name in names.values() if name.rpartition(".")[0] in ("trunk.0", "trunk.4", "head")}
+    ends = {name for name in names.values() if name.rpartition(".")[0] in ("trunk.0", "trunk.4", "head", "")}
     assert {names[id(end)] for end in network.ends()} == ends
-    assert len(ends) == 6
+    assert len(ends) == 7
 
 
 def test_views_of_another_floating_type_are_refused():
@@ -278,8 +279,8 @@ def test_views_of_one_coarse_pixel_are_refused():
         ({"dilation": 0}, "must be positive"),
         ({"dilation": [1, 0]}, "must be positive"),
         ({"dilation": []}, "at least one block and one width"),
-        ({"padding": "reflect"}, "padding must be zeros or replicate, .* got reflect and linear"),
-        ({"initialization": "magic"}, "initialization linear or random; got zeros and magic"),
+        ({"padding": "reflect"}, "padding must be zeros or renormalize, .* got reflect and linear"),
+        ({"initialization": "magic"}, "initialization linear or random; got renormalize and magic"),
         ({"widths": ()}, "at least one block and one width"),
         ({"n_blocks": 0}, "at least one block and one width"),
         ({"widths": (6, 3)}, "must be even"),

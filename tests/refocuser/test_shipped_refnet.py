@@ -52,7 +52,7 @@ def test_it_refocuses_a_real_capture(network, lytro):
     labels = shift_and_sum(views, network.planes.slopes)
     shares = explained(network, views, labels, network(views))
     assert shares["near"] > 0.98
-    assert shares["wide"] > 0.92
+    assert shares["wide"] > 0.88
 
 
 def test_each_plane_is_nearest_to_its_own_label(network, stacks):
