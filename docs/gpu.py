@@ -70,7 +70,7 @@ TRIAL = Size(
         "net=refnet_small",
         "net.widths=[8,8]",
         "net.n_blocks=2",
-        "net.stem_width=8",
+        "net.stem_width=9",
     ),
     tests=("tests/refocus/shift/test_shift_triton.py",),
     bench={

@@ -76,14 +76,42 @@ class WideConv2d(nn.Conv2d):
 
 
 class StemConv2d(nn.Conv2d):
-    """A convolution whose bias autocast leaves in its own type, and with it the result."""
+    """The first convolution: its bias and result stay in the type of the bias under autocast.
+
+    Args:
+        samples: Channels of the images, in the order (view, colour, pixel of a coarse one).
+        filters: Channels of the result.
+        kernel: Side of the kernel, odd.
+        colours: Number of colours that are read apart, by the same weights; 1 reads all of them together.
+        inner: Pixels of a coarse one, r^2.
+
+    Raises:
+        InputError: Filters that cannot be shared out among the colours.
+    """
+
+    def __init__(self, samples: int, filters: int, kernel: int, colours: int = 1, inner: int = 1) -> None:
+        if filters % colours:
+            raise InputError(f"filters of {colours} colours must be a multiple of that", got=filters)
+        super().__init__(samples // colours, filters // colours, kernel, padding=kernel // 2)
+        self.colours, self.inner = colours, inner
 
     def forward(self, images: Tensor) -> Tensor:
-        """Apply the convolution."""
+        """Apply the convolution: [B, K, H, W] -> [B, F, H, W], filters in the order (filter, colour)."""
+        if self.colours == 1:
+            return self._convolved(images)
+        result = self._convolved(apart_by_colour(images, self.colours, self.inner))
+        return result.unflatten(0, (self.colours, -1)).movedim(0, 2).flatten(1, 2)
+
+    def _convolved(self, images: Tensor) -> Tensor:
         if not is_autocast(images):
             return super().forward(images)
         assert self.bias is not None
         return self._conv_forward(images, self.weight, None).to(self.bias.dtype) + self.bias[:, None, None]
+
+
+def apart_by_colour(images: Tensor, colours: int, inner: int) -> Tensor:
+    """Images [B, A C R, H, W] with each colour as an image of its own, [C B, A R, H, W]; R = `inner`."""
+    return images.unflatten(1, (-1, colours, inner)).movedim(2, 0).flatten(2, 3).flatten(0, 1)
 
 
 class ResBlock(nn.Module):

@@ -12,7 +12,8 @@ The linear start passes the labels' best linear prediction through the whole net
 
        f = BASE + GAIN (P^T (W x + b) - low) / span,   low = sum of P's negative entries, span = sum of |P|,
 
-   so that labels in [0, 1] give BASE <= f <= BASE + GAIN. There ReLU is the identity, and softplus is it to 3e-4.
+   so that labels in [0, 1] give BASE <= f <= BASE + GAIN. There ReLU is the identity, and softplus is it to 3e-4. (A
+   stem that reads colours apart, by the same weights, has the filters of one colour.)
 2. Blocks. Skips are the identity on the first K channels, and the last convolution of each body is 0 there, so that f
    arrives at the head unchanged. Its other channels, and all other filters, stay random: from them the body learns.
 3. Head. The labels' prediction is read off f again, and a second ridge regression adds what all features of the last
@@ -101,11 +102,6 @@ def neighbourhoods(images: Tensor, convolution: nn.Conv2d) -> Tensor:
     return F.unfold(wide, side).reshape(len(images), -1, *images.shape[-2:])
 
 
-def apart_by_colour(images: Tensor, channels: int, inner: int) -> Tensor:
-    """Images [B, A C R, H, W] with each colour as an image of its own, [C B, A R, H, W]; R = `inner`."""
-    return images.unflatten(1, (-1, channels, inner)).movedim(2, 0).flatten(2, 3).flatten(0, 1)
-
-
 def for_all_colours(matrix: Tensor, channels: int, inner: tuple[int, int]) -> Tensor:
     """A matrix [K R, A Q] of one colour as that of all colours, each alone, [K C R, A C Q]; (R, Q) = `inner`."""
     rows, columns = inner
@@ -127,7 +123,10 @@ def kept_directions(predicted: Tensor, count: int) -> Tensor:
 
 
 def set_stem(stem: nn.Conv2d, weights: Tensor, bias: Tensor, directions: Tensor) -> None:
-    """Step 1 of the linear start: the first filters carry directions [N C r^2, K] of the predicted labels."""
+    """Step 1 of the linear start: the first filters carry directions [N C r^2, K] of the predicted labels.
+
+    Of a stem that reads colours apart, weights, bias and directions are those of one colour.
+    """
     low, span = directions.clamp(max=0).sum(0), directions.abs().sum(0)
     n_carried = directions.shape[1]
     carried = (GAIN / span)[:, None] * (directions.T @ weights)

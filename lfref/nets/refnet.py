@@ -30,8 +30,8 @@ LINEAR, RANDOM = "linear", "random"
 INITIALIZATIONS = LINEAR, RANDOM
 ZEROS, RENORMALIZE = "zeros", "renormalize"
 PADDINGS = ZEROS, RENORMALIZE
-START_PIXELS = 1 << 15
-"""Pixels of crops that the linear start is computed of, evenly drawn where there are more."""
+STEM_PIXELS, HEAD_PIXELS = 1 << 14, 1 << 16
+"""Pixels of crops that the linear start of stem and head is computed of, evenly drawn where there are more."""
 START_BORDER = 4
 """Pixels at the border of a crop that it leaves out: labels near focus lose views there."""
 
@@ -50,6 +50,8 @@ class RefNet(Network):
         style: `text` (F, F/2, F) or `sibling` (F/2, F/2, F).
         stem_width: Filters of the first convolution.
         stem_kernel: Kernel of the first convolution, odd.
+        stem_by_colour: Whether the first convolution reads each colour by itself, with the same weights: a third of the
+            weights, of which a larger kernel sees farther at the same cost.
         head_kernel: Kernel of the last two convolutions, odd.
         shuffle: Pixels along the side of a coarse pixel, r; 1 (the paper's) works on the pixels themselves.
         kernel: Side of the convolution in the middle of a block, odd.
@@ -82,6 +84,7 @@ class RefNet(Network):
         style: str = "text",
         stem_width: int = 192,
         stem_kernel: int = 3,
+        stem_by_colour: bool = False,
         head_kernel: int = 1,
         shuffle: int = 1,
         kernel: int = 3,
@@ -114,6 +117,7 @@ class RefNet(Network):
             "style": style,
             "stem_width": stem_width,
             "stem_kernel": stem_kernel,
+            "stem_by_colour": stem_by_colour,
             "head_kernel": head_kernel,
             "shuffle": shuffle,
             "kernel": kernel,
@@ -128,7 +132,7 @@ class RefNet(Network):
         outputs, samples = n_planes * channels * shuffle**2, grid[0] * grid[1] * channels * shuffle**2
         pairs = itertools.pairwise([stem_width, *schedule])
         self.trunk = nn.Sequential(
-            StemConv2d(samples, stem_width, stem_kernel, padding=stem_kernel // 2),
+            StemConv2d(samples, stem_width, stem_kernel, channels if stem_by_colour else 1, shuffle**2),
             nn.ReLU(),
             *(
                 ResBlock(a, b, activation, normalization, style, kernel, distance)
@@ -196,14 +200,13 @@ class RefNet(Network):
             initialization.scale_outputs(self.head, self.features(views), targets, total)
             return
         stem, *_, first = (layer for layer in self.trunk if isinstance(layer, nn.Conv2d))
-        weights, bias, directions = self._prediction(stem, views, targets, total)
-        initialization.set_stem(stem, weights, bias, directions)
+        directions = self._start_stem(stem, views, targets, total)
         for block in (layer for layer in self.trunk if isinstance(layer, ResBlock)):
             initialization.pass_through(block, directions.shape[1])
         read_off, offset = initialization.reading(first, directions)
         rest = (
             (read, target - (read_off @ read.double().flatten(2) + offset[:, None]).view_as(target))
-            for read, target in self._pairs(first, self.trunk[:-2], views, targets)
+            for read, target in self._pairs(first, self.trunk[:-2], views, targets, HEAD_PIXELS)
         )
         weights, bias, _ = initialization.ridge_regression(rest, total)
         initialization.set_head(first, self.head, read_off + weights, offset + bias)
@@ -212,31 +215,33 @@ class RefNet(Network):
             of_crops = ((self._outputs(crop), target) for crop, target in crops)
             self.gains.copy_(initialization.edge_gains(of_crops, self.gains, total))
 
-    def _prediction(self, stem: nn.Conv2d, views: Tensor, targets: Tensor, total: Total) -> tuple[Tensor, ...]:
-        """Weights and bias of step 1 of the linear start, and the directions of the labels that the stem carries."""
+    def _start_stem(self, stem: nn.Conv2d, views: Tensor, targets: Tensor, total: Total) -> Tensor:
+        """Step 1 of the linear start; returns the directions of the labels that the stem carries, [N C r^2, K]."""
         n_colours, n_inner = int(self.config["channels"]), self.shuffle**2
         n_read = n_inner * math.prod(stem.kernel_size)
-        apart = initialization.apart_by_colour
         by_colour = (
-            (apart(read, n_colours, n_read), apart(target, n_colours, n_inner))
-            for read, target in self._pairs(stem, nn.Identity(), views, targets)
+            (blocks.apart_by_colour(read, n_colours, n_read), blocks.apart_by_colour(target, n_colours, n_inner))
+            for read, target in self._pairs(stem, nn.Identity(), views, targets, STEM_PIXELS)
         )
         weights, bias, covariance = initialization.ridge_regression(by_colour, total)
-        half = max(1, min(stem.out_channels, *self.config["widths"]) // 2)
-        directions = initialization.kept_directions(weights @ covariance @ weights.T, max(1, half // n_colours))
-        return (
-            initialization.for_all_colours(weights, n_colours, (n_inner, n_read)),
-            bias.unflatten(0, (-1, 1, n_inner)).expand(-1, n_colours, -1).flatten(),
-            initialization.for_all_colours(directions, n_colours, (n_inner, 1))[:, :half],
-        )
+        half = max(1, min(self.config["stem_width"], *self.config["widths"]) // 2)
+        of_one = initialization.kept_directions(weights @ covariance @ weights.T, max(1, half // n_colours))
+        directions = initialization.for_all_colours(of_one, n_colours, (n_inner, 1))[:, :half]
+        if self.config["stem_by_colour"]:
+            initialization.set_stem(stem, weights, bias, of_one)
+        else:
+            weights = initialization.for_all_colours(weights, n_colours, (n_inner, n_read))
+            bias = bias.unflatten(0, (-1, 1, n_inner)).expand(-1, n_colours, -1).flatten()
+            initialization.set_stem(stem, weights, bias, directions)
+        return directions
 
     def _pairs(
-        self, convolution: nn.Conv2d, layers: nn.Module, views: Tensor, targets: Tensor
+        self, convolution: nn.Conv2d, layers: nn.Module, views: Tensor, targets: Tensor, n_pixels: int
     ) -> Iterator[tuple[Tensor, Tensor]]:
         """What a convolution reads after these layers, and the labels there, without the border of crops."""
         border = -(-START_BORDER // self.shuffle)
         rows, columns = (slice(border, -border) if size > 2 * border else slice(None) for size in targets.shape[-2:])
-        every = -(-targets[:, 0].numel() // START_PIXELS)
+        every = -(-targets[:, 0].numel() // n_pixels)
         for crop, target in zip(views.split(1), targets.split(1), strict=True):
             read = initialization.neighbourhoods(layers(self._inputs(crop)), convolution)
             yield tuple(  # type: ignore[misc]

@@ -23,7 +23,7 @@ TINY_DATA = (
     "data.n_fields=2",
     "data.n_validation=1",
 )
-TINY_NET = ("net=refnet_small", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=8")
+TINY_NET = ("net=refnet_small", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=9")
 TINY = (*TINY_DATA, *TINY_NET)
 
 

@@ -61,7 +61,7 @@ def test_a_run_goes_on_as_it_was_set_up(lfref, trained):
     last = torch.load(trained / "checkpoints" / "last.ckpt", weights_only=True)
     assert last["lfref"]["planes"]["convention"] == "parallel"
     # The third of three epochs of a cosine, at the rate that was set anew.
-    assert last["lr_schedulers"][0]["base_lrs"] == [0.5, 0.02]
+    assert last["lr_schedulers"][0]["base_lrs"] == [0.5, 0.025]
     assert last["lr_schedulers"][0]["T_max"] == 3
     assert score(trained / "checkpoints" / "last.ckpt") == max(best, rows[2][1])
 

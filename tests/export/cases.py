@@ -28,7 +28,8 @@ FIELDS = [field(), field((24, 32), 1), field((40, 33), 2)]
 
 def network(shuffle=1):
     torch.manual_seed(3)
-    net = RefNet(3, GRID, widths=(16, 8), stem_width=16, shuffle=shuffle).requires_grad_(False)
+    coarse = {"shuffle": shuffle, "stem_by_colour": True, "stem_width": 15} if shuffle > 1 else {"stem_width": 16}
+    net = RefNet(3, GRID, widths=(16, 8), **coarse).requires_grad_(False)
     net.initialize(FIELDS[0].views[None], None, 0.3 + 0.4 * FIELDS[0].views[None, 1])
     return NetworkRefocuser(net, PLANES, "net", is_linear=True)
 

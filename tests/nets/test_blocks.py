@@ -72,12 +72,20 @@ def test_under_autocast_what_passes_the_block_keeps_all_its_digits(filters):
 
 
 def test_under_autocast_the_stem_adds_its_bias_to_what_it_rounds():
-    stem, images = blocks.StemConv2d(3, 4, 3, padding=1), torch.rand(2, 3, 5, 6)
+    stem, images = blocks.StemConv2d(3, 4, 3), torch.rand(2, 3, 5, 6)
     bias = torch.tensor([8.0, 9.0, 16.001, 20.0])
     with torch.autocast("cpu", torch.bfloat16):
         small = stem(images) - stem.bias[:, None, None]
         stem.bias.data = bias
         torch.testing.assert_close(stem(images), small + bias[:, None, None], atol=4e-6, rtol=0)
+
+
+def test_a_stem_of_colours_reads_each_by_itself_with_the_same_weights():
+    stem, images = blocks.StemConv2d(24, 6, 3, colours=3, inner=4), torch.rand(2, 2, 3, 4, 5, 6)
+    result = stem(images.flatten(1, 3)).unflatten(1, (2, 3))
+    for colour in range(3):
+        expected = nn.functional.conv2d(images[:, :, colour].flatten(1, 2), stem.weight, stem.bias, padding=1)
+        torch.testing.assert_close(result[:, :, colour], expected)
 
 
 @pytest.mark.parametrize(("length", "expected"), [(6, [0, 1, 2, 2, 3, 4]), (4, [0, 1, 3, 4]), (3, [0, 2, 4]), (1, [2])])

@@ -226,6 +226,7 @@ def started(views, labels, dtype=torch.float32, **options):
         {"style": "sibling"},
         {"widths": (32, 18, 24)},  # convolutions on the skips
         COARSE,
+        COARSE | {"stem_by_colour": True, "stem_width": 81},
         {"dilation": [1, 2], "kernel": 5, "stem_kernel": 5, "head_kernel": 3},
     ],
     ids=str,

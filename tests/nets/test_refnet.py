@@ -109,15 +109,16 @@ def test_the_schedule_of_widths_is_stretched_or_thinned(widths, n_blocks, expect
         {"activation": "gelu", "normalization": "group", "style": "sibling"},
         {"stem_kernel": 5, "head_kernel": 3, "normalization": "batch"},
         {"shuffle": 2, "kernel": 5, "dilation": 2},
+        {"channels": 2, "shuffle": 2, "stem_width": 6, "stem_by_colour": True},
         {"n_blocks": 4, "dilation": [1, 2], "padding": "zeros", "initialization": "random"},
     ],
 )
 def test_config_rebuilds_the_same_network_through_plain_text(options):
-    network = RefNet(**TINY, **options).eval()
+    network = RefNet(**TINY | options).eval()
     twin = RefNet(**json.loads(json.dumps(network.config))).eval()
     assert twin.config == network.config
     twin.load_state_dict(network.state_dict())
-    views = torch.rand(3, 2, 1, 6, 5)
+    views = torch.rand(3, 2, network.config["channels"], 6, 5)
     assert torch.equal(twin(views), network(views))
 
 
@@ -139,7 +140,7 @@ def test_views_that_do_not_fit_are_refused(shape, message):
 
 def test_networks_of_before_the_coarser_grid_are_built_and_run_as_they_were():
     network = RefNet(**TINY, padding="zeros").eval()
-    later = "shuffle", "kernel", "dilation", "initialization"
+    later = "shuffle", "kernel", "dilation", "initialization", "stem_by_colour"
     old = {name: value for name, value in network.config.items() if name not in later}
     twin = RefNet(**old).eval()
     twin.load_state_dict(network.state_dict())

@@ -12,7 +12,7 @@ from tests.cli.test_bad_input import assert_one_line
 
 WORDS = (
     "bench", "group=data", "scene.camera.size=[64,64]", "patch=16", "patches_per_field=2", "workers=[0,1]",
-    "n_stored=1", "n_batches=2", "n_simulated=1", "n_steps=1", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=8",
+    "n_stored=1", "n_batches=2", "n_simulated=1", "n_steps=1", "net.widths=[8,8]", "net.n_blocks=2", "net.stem_width=9",
     "slopes=[-1,0]", "net.n_planes=2",
 )  # fmt: skip
 

@@ -19,7 +19,7 @@ from lfref.refocuser.refocuser import OperatorRefocuser
 SMALL = (
     "scene.camera.size=[64,72]", "calibration.scenes.camera.size=[48,48]", "calibration.n_fields=1", "n_scenes=1",
     "slopes=[-1,1]", "device=cpu", "passes.network=2", "passes.refiner=1", "engines=[channels_last,cuda_graphs]",
-    "net.n_planes=2", "net.widths=[8]", "net.n_blocks=1", "net.stem_width=8",
+    "net.n_planes=2", "net.widths=[8]", "net.n_blocks=1", "net.stem_width=9",
 )  # fmt: skip
 
 
