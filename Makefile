@@ -8,7 +8,7 @@ DEMO ?= runs/demo
 INPUT ?=
 WEIGHTS ?= runs/weights
 FIELD = $(or $(INPUT),$(DEMO)/evening/evening)
-DEMO_TEXT = refnet_demo is a small RefNet that learned for about a minute on 150 simulated scenes. It shows that the network \
+DEMO_TEXT = refnet_demo is a small RefNet that learned for half a minute on 80 simulated scenes. It shows that the network \
 of the paper refocuses, not how well it can: method=refnet is one that learned for longer.
 # Methods of `lfref bench` that the demo leaves out, to be short.
 SLOW = $(foreach name,shift_and_sum_nearest shift_and_sum_cubic shift_and_sum_exact fourier_slice_linear \
