@@ -56,7 +56,7 @@ demo: install
 	$(BIN)/lfref view "$(FIELD)" output="$(DEMO)/view"
 
 figures: $(VENV)/checks
-	$(BIN)/lfref bench overwrite=true output=runs/figures/bench repeats=5
+	$(BIN)/lfref bench checkpoint=lfref/weights/refnet.safetensors overwrite=true output=runs/figures/bench repeats=5
 	$(BIN)/lfref bench wide=false correct=white 'test_scenes=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/white repeats=1
 	$(BIN)/lfref bench test_scenes=[] wide=false varied=60 overwrite=true output=runs/figures/varied repeats=1
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes

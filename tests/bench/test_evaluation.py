@@ -17,9 +17,11 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.io.read import read
 from lfref.lightfield import LightField
+from lfref.nets.refnet import RefNet
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects.noise import Noise as SensorNoise
@@ -102,6 +104,13 @@ def test_scenes_of_wide_baselines_have_planes_of_their_own():
     assert rows["slope"].tolist() == [*cases[0].planes.values, *cases[1].planes.values]
     assert evaluation.by_plane(rows).empty
     assert evaluation.by_class(rows)["class"].tolist() == ["wide"]
+
+
+def test_networks_of_fixed_planes_take_no_part_where_scenes_have_planes_of_their_own():
+    network = NetworkRefocuser(RefNet(2, (3, 3), widths=(4,), stem_width=4), PLANES, "network")
+    cases = [evaluation.ideal_case(CLEAN, PLANES.slopes, CPU), *evaluation.wide_cases([CLEAN], CPU)]
+    rows = pd.DataFrame(evaluation.evaluate(cases, [SUM, network], PLANES, 2))
+    assert rows.groupby("class", sort=False)["method"].unique().map(list).tolist() == [["sum", "network"], ["sum"]]
 
 
 def test_captures_are_compared_with_exact_refocusing():
