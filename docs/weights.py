@@ -39,6 +39,7 @@ PLACES = (
     "data.folder=",
     "data.cache_folder=",
     "data.workers=",
+    "resume=",
     "callbacks.",
     "+trainer.enable_",
     "checkpoint_minutes=",

@@ -19,7 +19,10 @@ from tests.cli.conftest import TINY
 
 QUIET = ("callbacks.progress=null", "callbacks.summary=null", "callbacks.pictures=null")
 # The paper's start, of one crop: it leaves something to learn in two steps, which the linear one does not.
-NET = ("net.widths=[4]", "net.n_blocks=1", "net.shuffle=1", "net.dilation=1", "net.padding=zeros")
+NET = (
+    "net.widths=[4]", "net.n_blocks=1", "net.shuffle=1", "net.dilation=1", "net.padding=zeros", "net.stem_width=8",
+    "net.stem_kernel=3", "net.stem_by_colour=false",
+)  # fmt: skip
 START = ("callbacks.initialization.n_crops=1", "net.initialization=random", "task.end_rate=1")
 STUDY = ("tune", *TINY, *QUIET, *NET, *START, "trainer.max_epochs=1")
 
