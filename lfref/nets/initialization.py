@@ -19,9 +19,9 @@ The linear start passes the labels' best linear prediction through the whole net
 3. Head. The labels' prediction is read off f again, and a second ridge regression adds what all features of the last
    block say about the rest. The head's first convolution gives it plus OFFSET, which is positive, so that ReLU is the
    identity again; the last one is the identity minus OFFSET.
-4. Edge of the frame. Near focus a label is the mean over the views that have a sample there; what the stem sums, zeros
-   beyond the frame included, is that mean times the share of these views. So each output channel has a gain for each
-   place whose stem reads beyond the frame, sum(out y) / sum(out^2) over the crops.
+4. Edge of the frame. Near focus a label is the mean over the views that have a sample at a pixel. The stem reads zeros
+   beyond the frame, so that its sum is that mean times the share of these views. Each output channel has a gain for
+   each place at the edge, sum(out y) / sum(out^2) over the crops.
 
 Regression: with covariances Cxx and Cxy over all pixels, W = (Cxx + RIDGE tr(Cxx) / n I)^-1 Cxy, in float64. It exists
 for any data: constant crops give W = 0, equal views share their weight, and few samples lose against the ridge.
@@ -97,9 +97,7 @@ def ridge_regression(
 def neighbourhoods(images: Tensor, convolution: nn.Conv2d) -> Tensor:
     """What each output pixel of a convolution of odd kernel reads: [B, C, H, W] -> [B, C k k, H, W]."""
     side = convolution.kernel_size[0]
-    mode = "constant" if convolution.padding_mode == "zeros" else convolution.padding_mode
-    wide = F.pad(images, [side // 2] * 4, mode=mode)
-    return F.unfold(wide, side).reshape(len(images), -1, *images.shape[-2:])
+    return F.unfold(images, side, padding=side // 2).reshape(len(images), -1, *images.shape[-2:])
 
 
 def for_all_colours(matrix: Tensor, channels: int, inner: tuple[int, int]) -> Tensor:
@@ -145,7 +143,7 @@ def pass_through(block: ResBlock, n_carried: int) -> None:
         _bias(skip)[:n_carried] = 0
 
 
-def reading(first: nn.Conv2d, directions: Tensor) -> tuple[Tensor, Tensor]:
+def decoder(first: nn.Conv2d, directions: Tensor) -> tuple[Tensor, Tensor]:
     """Weights [N C r^2, F k k] and bias [N C r^2] by which the head's first convolution reads the labels off f."""
     low, span = directions.clamp(max=0).sum(0), directions.abs().sum(0)
     weights = torch.zeros_like(first.weight, dtype=torch.float64)
@@ -167,7 +165,7 @@ def edge_gains(pairs: Iterable[tuple[Tensor, Tensor]], gains: Tensor, total: Tot
 
     Args:
         pairs: Outputs and labels of crops, [B, K, H, W] each.
-        gains: Of which only the shape counts.
+        gains: A tensor of the shape of the result.
         total: As for `ridge_regression`.
     """
     products, squares = torch.zeros(2, *gains.shape, dtype=torch.float64, device=gains.device)
@@ -177,7 +175,7 @@ def edge_gains(pairs: Iterable[tuple[Tensor, Tensor]], gains: Tensor, total: Tot
         squares += blocks.sum_by_place(out.square(), gains.shape[-1])
     # Black crops have gains of 1.
     result = (total(products) + LEAST_PENALTY) / (total(squares) + LEAST_PENALTY)
-    result[:, gains.shape[1] // 2, gains.shape[2] // 2] = 1  # all pixels that lack no sample
+    result[:, gains.shape[1] // 2, gains.shape[2] // 2] = 1  # the place of all pixels away from the edge
     return result
 
 

@@ -31,9 +31,9 @@ INITIALIZATIONS = LINEAR, RANDOM
 ZEROS, RENORMALIZE = "zeros", "renormalize"
 PADDINGS = ZEROS, RENORMALIZE
 STEM_PIXELS, HEAD_PIXELS = 1 << 14, 1 << 16
-"""Pixels of crops that the linear start of stem and head is computed of, evenly drawn where there are more."""
+"""Pixels of crops from which the linear start computes stem and head, evenly drawn where there are more."""
 START_BORDER = 4
-"""Pixels at the border of a crop that it leaves out: labels near focus lose views there."""
+"""Pixels at the border of a crop that the linear start leaves out: labels near focus lose views there."""
 
 
 class RefNet(Network):
@@ -57,9 +57,9 @@ class RefNet(Network):
         kernel: Side of the convolution in the middle of a block, odd.
         dilation: Distance between the samples of that convolution in (coarse) pixels, for all blocks or for each; a
             list is stretched to the number of blocks, as the widths are.
-        padding: Convolutions read zeros beyond the frame, where labels are means over the views that have a sample
-            there. With `renormalize` the output at the frame's edge is multiplied by gains, one for each channel and
-            place; with `zeros` (the paper's) it is not.
+        padding: Convolutions read zeros beyond the frame, while labels at its edge are means over fewer views.
+            `renormalize` multiplies the output at the edge by gains, one for each channel and place; `zeros` (the
+            paper's) leaves it as it is.
         initialization: `linear` (`lfref.nets.initialization`) or `random` (the paper's), once a training begins.
 
     Raises:
@@ -142,7 +142,7 @@ class RefNet(Network):
             nn.ReLU(),
         )
         self.head = WideConv2d(outputs, outputs, head_kernel, padding=head_kernel // 2)
-        # Pixels whose stem reads beyond the frame: for each place among them, and for all others.
+        # One place for each row and column from which the stem reads beyond the frame, and one for all others.
         places = 2 * (stem_kernel // 2) + 1
         self.gains = nn.Parameter(torch.ones(outputs, places, places)) if padding == RENORMALIZE else None
 
@@ -203,13 +203,13 @@ class RefNet(Network):
         directions = self._start_stem(stem, views, targets, total)
         for block in (layer for layer in self.trunk if isinstance(layer, ResBlock)):
             initialization.pass_through(block, directions.shape[1])
-        read_off, offset = initialization.reading(first, directions)
+        decoder, offset = initialization.decoder(first, directions)
         rest = (
-            (read, target - (read_off @ read.double().flatten(2) + offset[:, None]).view_as(target))
+            (read, target - (decoder @ read.double().flatten(2) + offset[:, None]).view_as(target))
             for read, target in self._pairs(first, self.trunk[:-2], views, targets, HEAD_PIXELS)
         )
         weights, bias, _ = initialization.ridge_regression(rest, total)
-        initialization.set_head(first, self.head, read_off + weights, offset + bias)
+        initialization.set_head(first, self.head, decoder + weights, offset + bias)
         if self.gains is not None:
             crops = zip(views.split(1), targets.split(1), strict=True)
             of_crops = ((self._outputs(crop), target) for crop, target in crops)

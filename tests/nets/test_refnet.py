@@ -285,6 +285,7 @@ def test_views_of_one_coarse_pixel_are_refused():
         ({"widths": ()}, "at least one block and one width"),
         ({"n_blocks": 0}, "at least one block and one width"),
         ({"widths": (6, 3)}, "must be even"),
+        ({"channels": 2, "stem_by_colour": True}, "multiple"),
         ({"activation": "magic"}, "activation must be one of"),
     ],
 )

@@ -12,6 +12,7 @@ from lfref.functional.ssim import ssim
 from lfref.geometry import planes_at_alphas
 from lfref.losses.composite import CompositeLoss
 from lfref.metrics.stack import Explained
+from lfref.nets.refnet import RefNet
 from lfref.refocuser.load import load
 from lfref.train.callbacks import Initialization
 from lfref.train.modules import Refocusing, WarmupCosine
@@ -21,13 +22,15 @@ from lfref.train.modules import Refocusing, WarmupCosine
 @pytest.mark.filterwarnings("ignore:.*number of training batches.*")
 class TestFit:
     def test_training_reduces_the_loss_on_held_out_patches(self, module, data, trainer):
+        # Without gains at the frame's edge the first epoch leaves more to learn.
+        module.net = RefNet(n_planes=3, grid=(3, 3), widths=(8, 8), stem_width=8, padding="zeros")
         module.end_rate, reached = 0.04, []
         for epochs in (1, 12):
             fit = trainer(max_epochs=epochs, callbacks=[Initialization()])
             fit.fit(copy.deepcopy(module), datamodule=data)
             reached.append(fit.callback_metrics)
         assert reached[1]["val/loss"] < reached[0]["val/loss"]
-        assert reached[1]["val/explained"] > reached[0]["val/explained"] + 0.3
+        assert reached[1]["val/explained"] > reached[0]["val/explained"] + 0.5
 
     @pytest.mark.parametrize("kind", [WarmupCosine, functools.partial(OneCycleLR, max_lr=0.01, cycle_momentum=False)])
     def test_a_schedule_of_steps_is_stepped_each_step(self, module, data, trainer, kind):
