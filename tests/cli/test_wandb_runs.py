@@ -37,6 +37,7 @@ def sweep(lfref, tmp_path):
     )
     # The experiment trains by steps on crops that are too small here for the shifts of wide planes.
     added = (*added, "data.patch=64", "data.fields_per_batch=2", "scheduler=cosine", "trainer.max_steps=-1")
+    added = (*added, "trainer.precision=32-true")  # Lightning's summary warns of others
     words = (*WORDS, *added, "net.activation=relu,elu", f"output={tmp_path}/my_sweep", "experiment=demo")
     status, errors = lfref("train", "--multirun", *words)
     assert status == 0, errors
