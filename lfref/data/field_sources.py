@@ -8,7 +8,7 @@ import abc
 import functools
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +121,8 @@ class SimulatedSource(Source):
         self.planes = planes
         self.folder = None
         if kept_in is not None:
-            what = repr((self.scenes, seed, reach, correct, planes, lfref.__version__))
+            camera = astuple(self.scenes.scene(seed, 0, 0).camera)  # whose repr leaves fields out
+            what = repr((self.scenes, camera, seed, reach, correct, planes, lfref.__version__))
             self.folder = kept_in / f"scenes_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
 
     def __len__(self) -> int:

@@ -27,11 +27,10 @@ from lfref.simulator.bitmaps import FINE, OVERSAMPLING, Bitmap, CopyBlur
 from lfref.simulator.layers import Layer, crossing_pairs, disparity_span, only_shifts
 from lfref.simulator.scene import Camera
 
-BOUND = 1e-4
-"""Greatest root mean square error of a plane near focus, of light 1: 80 dB."""
 SMOOTH = 20.0
-"""Blur in pixels at which the bound is half of `BOUND`. A wide blur is smooth, so that methods refocus it with errors
-below 1e-4: on sim30 the best is 83 dB from brute force at a blur of 49 pixels, and 55 dB at 4 pixels."""
+"""Blur in pixels at which the bound is half of the camera's `truth_error`. A wide blur is smooth, so that methods
+refocus it with errors below 1e-4: on sim30 the best is 83 dB from brute force at a blur of 49 pixels, and 55 dB at 4
+pixels."""
 CONTRAST = 0.03
 """The product g of contrast and detail at edges in `cells_needed`. On sim30, with 18 to 36 cells and blurs of 17 to 49
 pixels, `twigs` has 0.022 to 0.028, `lattice` 0.021 to 0.024, `leaves` 0.010 to 0.013."""
@@ -115,7 +114,7 @@ def cells_needed(layers: Sequence[Layer], camera: Camera, slope: float, averaged
         is_filtered = only_shifts(layers[0].surface)
         count = CELLS_OF_ONE_LAYER if is_filtered else max(of_highlights, math.ceil(factor * blur**power))
         return CellCounts(count, None)
-    bound = BOUND / (1 + blur / SMOOTH)
+    bound = camera.truth_error / (1 + blur / SMOOTH)
     half = math.ceil(math.sqrt(LEFT * CONTRAST * blur / (12 * bound)) / 2 - 1e-9)
     if half == 0:
         return CellCounts(of_highlights, None)

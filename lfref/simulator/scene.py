@@ -29,6 +29,9 @@ class Camera:
     samples: int = field(default=1, repr=False)  # keeps the repr of older descriptions
     """Samples along each axis of a pixel; a pixel is the mean of its samples. Textures end at samples / 2 cycles per
     pixel: with more than one sample, details alias in the views."""
+    truth_error: float = field(default=1e-4, repr=False)
+    """Greatest root mean square error of a truth near focus, of light 1; planes of a wide blur are more exact.
+    With .001 a truth takes a third of the time of .0001."""
 
     def __post_init__(self) -> None:
         checks.freeze(self)
@@ -38,6 +41,8 @@ class Camera:
                 raise InputError(f"{what} must be whole numbers", got=values)
         if not (isinstance(self.samples, int) and 1 <= self.samples <= 8):
             raise InputError("a camera's samples must be a whole number from 1 to 8", got=repr(self.samples))
+        if not self.truth_error > 0:
+            raise InputError("a camera's truth_error must be above 0", got=repr(self.truth_error))
         if self.aperture not in ("square", "disc"):
             raise InputError("aperture must be one of square, disc", got=repr(self.aperture))
 

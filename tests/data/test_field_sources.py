@@ -159,7 +159,9 @@ def test_scenes_or_settings_that_differ_are_kept_apart(tmp_path):
         return SimulatedSource(2, seed, scenes, reach, correct, tmp_path, planes).folder
 
     others = {"seed": 1, "scenes": LAMP, "reach": 0.0, "correct": "auto", "planes": ()}
+    cameras = [replace(SMALL.camera, **{name: value}) for name, value in (("samples", 2), ("truth_error", 1e-3))]
     folders = [folder(), *(folder(**{name: value}) for name, value in others.items())]
+    folders += [folder(scenes=replace(SMALL, camera=camera)) for camera in cameras]
     assert len(set(folders)) == len(folders)
     assert folder() == folders[0]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.simulator import bitmaps, focal_planes, painting
+from lfref.simulator import bitmaps, focal_planes, painting, truth
 from lfref.simulator.focal_planes import Windows, cells_needed, cut_aperture, visible_layers
 from lfref.simulator.layers import disparity_span
 from lfref.simulator.materials import Glossy, Mirror
@@ -84,6 +84,17 @@ def test_a_picture_whose_pixels_are_averaged_needs_the_cells_of_the_averages():
     far, near = (Surface(Plane(disparity), Noise(), matte) for disparity, matte in ((-2.0, Full()), (1.0, ISLAND)))
     fine, camera = paint(far, near, reach=8.0), Camera(size=(40, 50))
     assert cells_needed(fine, camera, -8.0, 2) == within_bound(7 * 6 / 2)
+
+
+def test_a_camera_sets_the_error_of_its_truths():
+    def of_plane(error):
+        camera = Camera(size=(40, 50), truth_error=error)
+        layers = paint(FAR, Surface(Plane(0.0), Noise(), ISLAND), camera=camera, reach=5.0)
+        return cells_needed(layers, camera, -5.0).fine, truth.stack(layers, camera, [-5.0])
+
+    (many, exact), (few, rough) = of_plane(1e-4), of_plane(4e-4)
+    assert (many, few) == (26, 14)  # by a blur of 28 pixels
+    assert (rough - exact).square().mean().sqrt() < 4e-4
 
 
 def test_planes_are_photographed_with_two_numbers_of_cells():
