@@ -1,10 +1,7 @@
-# Two images of one build. The command line, for the CPU:
+# The command line, for the CPU:
 #   docker build -t lfref .
 #   docker run --rm -v "$PWD:/work" lfref refocus LIGHT_FIELD output=out
 # With CUDA: --build-arg TORCH_INDEX=https://download.pytorch.org/whl/cu130
-# A server of an exported file:
-#   docker build -t lfref-serve --target serve .
-#   docker run --rm -p 8000:8000 -v "$PWD:/work" lfref-serve MODEL.onnx
 
 # The tag is for people; the digest decides.
 ARG PYTHON=python:3.11-slim@sha256:9c900dea9e8fb7e16277c179b555cc72d29a352dbc33cff48ad5a0412fd5bfc7
@@ -23,22 +20,6 @@ COPY lfref lfref
 COPY conf conf
 COPY sweeps sweeps
 RUN pip install --extra-index-url "$TORCH_INDEX" --constraint constraints.txt '.[all,export]'
-
-FROM ${PYTHON} AS serve
-RUN python -m venv /opt/serve
-ENV PATH=/opt/serve/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
-COPY constraints.txt docs/serve.py /opt/serve/
-RUN pip install --constraint /opt/serve/constraints.txt litserve onnxruntime numpy
-RUN useradd --create-home --uid 1000 lfref && mkdir /work && chown lfref /work
-USER lfref
-WORKDIR /work
-LABEL org.opencontainers.image.title="lfref-serve" \
-      org.opencontainers.image.description="A server of refocusers that lfref has exported" \
-      org.opencontainers.image.licenses="MIT"
-EXPOSE 8000
-HEALTHCHECK --interval=30s --start-period=30s \
-    CMD ["python", "-c", "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/health', timeout=5)"]
-ENTRYPOINT ["python", "/opt/serve/serve.py", "--host", "0.0.0.0"]
 
 FROM ${PYTHON} AS cpu
 ARG REVISION=""

@@ -63,12 +63,10 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench group=simulate overwrite=true output=runs/figures/simulate repeats=2
 	$(BIN)/lfref bench group=data overwrite=true output=runs/figures/data
-	$(BIN)/lfref bench group=engines overwrite=true output=runs/figures/engines
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python docs/scale.py
 	$(BIN)/python docs/busy.py
 	$(BIN)/python docs/prepared.py
-	$(BIN)/python docs/exported.py
 	$(BIN)/python docs/browsing.py
 	$(BIN)/python docs/training_speed.py
 	$(BIN)/python docs/paper_speed.py
@@ -107,9 +105,9 @@ site: install
 	$(BIN)/mkdocs build --strict
 
 # Triton's interpreter runs the GPU's kernel on the CPU, line by line; Mitsuba renders what the simulator is checked by;
-# the engines of `export` run what PyTorch runs; `serve` is the server of a page; `dashboard` specifies panels.
+# `export` runs ONNX files; `dashboard` specifies panels.
 $(VENV)/checks: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba,export,serve,dashboard]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba,export,dashboard]'
 	touch $@
 
 test: lint site $(VENV)/checks

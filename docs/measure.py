@@ -13,7 +13,6 @@ from pathlib import Path
 import against_mitsuba
 import browsing
 import busy
-import exported
 import hard_cases
 import learned
 import maps
@@ -21,7 +20,6 @@ import markers
 import one_defect
 import pandas as pd
 import prepared
-import runtimes
 import scale
 import scene_costs
 import simulator_pictures
@@ -227,8 +225,6 @@ FIGURES = {
     **maps.TABLES,
     **one_defect.TABLES,
     **prepared.TABLES,
-    **runtimes.TABLES,
-    **exported.TABLES,
     **({"gpu_times": gpu_times} if (GPU / "bench.csv").is_file() else {}),
     **scale.TABLES,
     **scene_costs.TABLES,

@@ -12,6 +12,7 @@ EXTRAS = {
     "captures": ("h5py",),
     "tensorboard": ("tensorboard",),
     "tune": ("optuna",),
+    "export": ("onnx", "onnxruntime", "onnxscript"),
     "dashboard": ("wandb_workspaces",),
 }
 """Extra -> packages that are imported where they are used, under `needed`."""

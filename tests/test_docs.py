@@ -19,7 +19,6 @@ LARGEST, LARGEST_FILM = 120_000, 2_000_000  # bytes of a picture, of the README'
 PLOTS = {  # drawn from what runs have left
     "accuracy_time.png": "figures/bench",
     "causes.png": "figures/causes",
-    "engines.png": "figures/engines",
     "page.jpg": "figures/browsing/page.png",
     **dict.fromkeys(("paper_scatter.png", "paper_comparison.jpg"), "paper/planes.csv"),
 }

@@ -4,7 +4,6 @@ What the groups share comes first: rounds, light fields, scenes, facts of the ma
 """
 
 import dataclasses
-import functools
 import itertools
 import json
 import tempfile
@@ -20,7 +19,6 @@ from torch import Tensor
 from lfref.bench import (
     accuracy,
     data_rates,
-    engine_timing,
     error_causes,
     evaluation,
     operator_costs,
@@ -29,7 +27,6 @@ from lfref.bench import (
 )
 from lfref.bench.accuracy import Row
 from lfref.bench.data_rates import SIMULATED, STORED, LoadingBench
-from lfref.bench.engine_timing import Fields, NetworkCase
 from lfref.bench.error_causes import CauseSettings
 from lfref.bench.evaluation import CORRECTIONS, EvaluationCase
 from lfref.bench.operator_costs import MethodCase, Scales, Size
@@ -43,15 +40,12 @@ from lfref.cli.command import command, device_of, log, paths, progress, quiet_li
 from lfref.cli.steps import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.data.label_sources import Labels
-from lfref.engines.engine import NetworkFunction
-from lfref.errors import InputError, chosen, counted, first_line
+from lfref.errors import InputError, chosen, counted
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
-from lfref.nets import checkpoint
 from lfref.refocuser.load import load
-from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import (
     accuracy_time,
@@ -155,98 +149,6 @@ def causes(config: DictConfig, folder: Path) -> None:
     write_facts(folder, device, [], plan.planes, 1, sim30=sim30.VERSION, scenes=len(scenes), margin=margin)
     n_causes = measured["cause"].nunique()
     log.info("%s in %s: %s", counted(n_causes, "cause"), counted(len(scenes), "scene"), folder / "causes.csv")
-
-
-# Group `engines`: time, memory and accuracy of each runtime of a network on this machine.
-
-PACKAGES = ("onnxruntime", "openvino", "nncf")
-Make = Callable[..., NetworkCase]
-"""(fields=..., device=...) -> a network and the data on which it is measured."""
-
-
-def engines(config: DictConfig, folder: Path) -> None:
-    """Write `engines.csv`, `passes.csv`, `machine.json` and `engines.png`."""
-    device = device_of(config.device)
-    choices = engine_timing.choices(configs.plain(config.engines), configs.plain(config.precisions))
-    # All options are checked before scenes are drawn, which takes time.
-    subjects = {name: chosen("subjects", name, SUBJECTS) for name in configs.plain(config.subjects)}
-    if not subjects:
-        raise InputError(f"subjects must be some of {', '.join(SUBJECTS)}", got="none")
-    repeats = {name: int(configs.number(config.passes, name, 1)) for name in subjects}
-    cases = [(name, make) for name, makers in subjects.items() for make in makers(config)]
-    source: SimulatedSource = configs.build(config.source)
-    small: SimulatedSource = configs.build(config.calibration)
-    numbers = range(int(configs.number(config, "n_scenes", 1)))
-    whole = [source.field(index) for index in progress(numbers, "drawing scenes")]
-    fields = Fields(whole, [small.field(index) for index in range(len(small))])
-    measured = [_measure(make(fields=fields, device=device), choices, repeats[name]) for name, make in cases]
-    starts, passed = (pd.concat(tables) for tables in zip(*measured, strict=True))
-    if passed.empty:
-        reasons = "; ".join(dict.fromkeys(starts["skipped"].map(first_line)))
-        raise InputError("at least one engine must run the network", got=reasons)
-    table = engine_timing.summary(passed, starts)
-    for name, rows in {"engines": table, "passes": passed}.items():
-        tables.write_table(folder / f"{name}.csv", rows)
-    drawing.save_figure(bench_plots.engines(table), folder / "engines.png")
-    packages = {package: timing.version(package) for package in PACKAGES}
-    write_facts(folder, device, fields.whole, fixed_planes(config), max(repeats.values()), passes=repeats, **packages)
-    for row in engine_timing.fastest(table).itertuples():
-        log.info("%s: %s in %s is %.1f times faster", row.network, row.engine, row.precision, row.ratio_to_eager)
-    log.info("engines and precisions: %d; %s", len(choices), folder / "engines.csv")
-
-
-def _networks(config: DictConfig) -> Sequence[Make]:
-    """The networks of the checkpoints; without checkpoints, the configured network before training."""
-    trained, planes = [load(path) for path in paths(configs.plain(config.checkpoint))], fixed_planes(config)
-    if not trained:
-        torch.manual_seed(0)
-        network = configs.build(config.net)
-        checkpoint.check_number(network, planes)
-        return [functools.partial(engine_timing.network_case, network.name, network, planes=planes, is_trained=False)]
-    name_apart(trained)
-    makers = []
-    for refocuser in trained:
-        if not isinstance(refocuser, NetworkRefocuser):
-            remedy = "give refiner_checkpoint=RUN"
-            raise InputError("checkpoint must be of a network that reads views", got=refocuser.name, remedy=remedy)
-        own = refocuser.planes or planes
-        makers.append(
-            functools.partial(
-                engine_timing.network_case, refocuser.name, refocuser.network, planes=own, is_trained=True
-            )
-        )
-    return makers
-
-
-def _refiners(config: DictConfig) -> Sequence[Make]:
-    """The refiner of `refiner_checkpoint`; without it, the shipped one."""
-    trained = load(config.refiner_checkpoint)
-    if not isinstance(trained, RefinedRefocuser):
-        remedy = "give checkpoint=RUN"
-        raise InputError("refiner_checkpoint must be of a refiner", got=trained.name, remedy=remedy)
-    return [functools.partial(engine_timing.refiner_case, trained, planes=fixed_planes(config))]
-
-
-SUBJECTS: dict[str, Callable[[DictConfig], Sequence[Make]]] = {"network": _networks, "refiner": _refiners}
-"""Networks on which engines can be measured."""
-
-
-def _measure(case: NetworkCase, choices: Sequence[tuple[str, str]], repeats: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Tables of the starts of the engines and of their passes; the engines are freed afterwards."""
-    runs: dict[tuple[str, str], NetworkFunction] = {}
-    starts: list[Row] = []
-    for engine, precision in progress(choices, f"{case.name}: starting engines"):
-        row: Row = {"network": case.name, "engine": engine, "precision": precision}
-        try:
-            started = engine_timing.start(case, engine, precision)
-            runs[engine, precision] = started.run
-            row |= {"start_s": started.start_s, "extra_bytes": started.extra_bytes}
-        except InputError as error:
-            log.info("%s %s is left out: %s", engine, precision, error)
-            row |= {"skipped": str(error)}
-        starts.append(row)
-    rounds = progress(range(repeats), f"{case.name}: passes of {counted(len(runs), 'engine')}")
-    return pd.DataFrame(starts), pd.DataFrame(engine_timing.passes(case, runs, rounds))
 
 
 # Group `front`: accuracy against time of every method and checkpoint, evaluated against the truth.
@@ -494,7 +396,6 @@ PARTS: dict[str, Callable[[], list[Component]]] = {
     "losses": stability_components.image_components,
     "operators": stability_components.operator_components,
     "networks": stability_components.network_components,
-    "exported": stability_components.file_components,
     "simulator": list,
 }
 """Components of each part; the simulator has scenes instead, see `stability_components.simulator_rows`."""
@@ -511,7 +412,6 @@ def stability(config: DictConfig, folder: Path) -> None:
     # Inputs are small: threads would cost more than they give.
     with goals.threads(1):
         rows: list[Row] = list(trials.run_trials(progress(components, "trying hard cases")))
-        rows += stability_components.missing_formats() if "exported" in parts else []
         rows += stability_components.simulator_rows() if "simulator" in parts else []
         tables.write_table(folder / "stability.csv", rows)
         if set(parts) == set(PARTS):
@@ -532,7 +432,6 @@ GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
     "front": front,
     "causes": causes,
     "operators": time_operators,
-    "engines": engines,
     "simulate": simulate,
     "data": data,
     "stability": stability,

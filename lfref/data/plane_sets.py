@@ -29,7 +29,7 @@ from lfref.errors import FileError, InputError, counted
 from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
-from lfref.nets.refiner import Corrector
+from lfref.nets.refiner import Refiner
 from lfref.refocuser.features import FEATURES, FORMER_NAMES, RefinerInputs, check_names, refiner_inputs
 from lfref.refocuser.networks import refiner_entry
 from lfref.refocuser.refocuser import OperatorRefocuser
@@ -101,11 +101,11 @@ class Recipe:
         """What the network reads of planes [N] of a light field."""
         return next(refiner_inputs(light, planes, self.base, self.features))
 
-    def entry(self, net: Corrector) -> dict[str, Any]:
+    def entry(self, net: Refiner) -> dict[str, Any]:
         """The entry of checkpoints from which `lfref.load` builds a network of these planes again."""
         return refiner_entry(net, self.base, self.features)
 
-    def check(self, net: Corrector) -> None:
+    def check(self, net: Refiner) -> None:
         """Raise an InputError if the network does not read what `inputs` makes."""
         check_names(self.features, net.n_candidates)
 

@@ -1,9 +1,8 @@
 """Checkpoints of trained networks: plain containers and tensors, nothing that could run code.
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
-beside them. A safetensors file holds the same without Lightning's entries. Both kinds of file have a digest
-(`lfref.io.tensor_files`). Reading is `weights_only`, URLs are refused, and networks are built from a table of names, no
-larger than the file.
+beside them. A safetensors file holds the same without Lightning's entries. Reading is `weights_only`, URLs are refused,
+and networks are built from a table of names, no larger than the file.
 """
 
 from collections.abc import Mapping, Sequence

@@ -12,7 +12,6 @@ Neural Network", 2016 (the grid); Lim et al., "Enhanced Deep Residual Networks",
 "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings", 2017 (the mixture).
 """
 
-import abc
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -44,26 +43,7 @@ class RefinerBlock(nn.Module):
         return features + self.body(features)
 
 
-class Corrector(nn.Module, abc.ABC):
-    """Features, pictures and error scale -> better pictures; shapes as in `Refiner.forward`."""
-
-    config: dict[str, Any]
-    """The arguments that build this network again, in plain containers."""
-    n_candidates: int
-    """Number of candidates, C channels each, at the start of the features."""
-
-    @property
-    def n_features(self) -> int:
-        """Channels of the features."""
-        return int(self.config["n_features"])
-
-    @property
-    def like(self) -> Tensor:
-        """A tensor of the network's type, on its device."""
-        return next(self.parameters())
-
-
-class Refiner(Corrector):
+class Refiner(nn.Module):
     """Features, pictures and error scale -> better pictures.
 
     Args:
@@ -94,7 +74,7 @@ class Refiner(Corrector):
         activation: str = "silu",
     ) -> None:
         super().__init__()
-        self.config = {
+        self.config: dict[str, Any] = {
             "n_features": n_features,
             "n_candidates": n_candidates,
             "channels": channels,
@@ -121,6 +101,16 @@ class Refiner(Corrector):
         self.head = nn.Sequential(make(), last)
         # Convolutions on CPUs and tensor cores read this order fastest; feature maps follow the weights.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    @property
+    def n_features(self) -> int:
+        """Channels of the features."""
+        return int(self.config["n_features"])
+
+    @property
+    def like(self) -> Tensor:
+        """A tensor of the network's type, on its device."""
+        return next(self.parameters())
 
     def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
         """Correct pictures.

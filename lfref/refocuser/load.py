@@ -1,33 +1,26 @@
-"""`lfref.load`: runs, checkpoints and exported files as refocusers.
+"""`lfref.load`: runs, checkpoints, weights and ONNX files as refocusers."""
 
-A runtime such as ONNX Runtime computes an exported file, which is called like the network that it was made of.
-"""
-
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from lfref.encoding import parsed
-from lfref.engines.engine import NetworkFunction
-from lfref.engines.files import file_formats
-from lfref.engines.files.manifest import SAMPLE_TYPES, SLOPES, VIEWS, Manifest, to_samples
-from lfref.errors import CheckpointError, InputError, chosen, first_line
+from lfref.errors import CheckpointError, first_line
+from lfref.extras import needed
 from lfref.geometry import planes_from
 from lfref.io.run import Run, run_name
 from lfref.lightfield import check_views
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
-from lfref.nets.refiner import Corrector
 from lfref.refocus import batches
-from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import disparity_range, shift_and_sum_through_cells
 from lfref.refocuser import filling, networks
-from lfref.refocuser.features import renamed
-from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, learned, refnet
+from lfref.refocuser.networks import NetworkRefocuser, learned, refnet
 from lfref.refocuser.refocuser import Refocuser, check_for_network
+
+CPU = torch.device("cpu")
 
 
 def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> Refocuser:
@@ -35,7 +28,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
 
     Args:
         path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. A file that
-            `lfref export` wrote, `NAME.onnx`, `.pt2`, `.xml` or `.safetensors`. A model that ships with lfref:
+            `lfref export` wrote, `NAME.onnx` or `NAME.safetensors`. A model that ships with lfref:
             `refnet` (7x7 views, the paper's 16 planes), or `learned`, which None means too (any planes, any even grid).
         device: Where the network goes; exported files run on the CPU, wherever views are.
 
@@ -44,7 +37,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
 
     Raises:
         CheckpointError: Missing, damaged, not ours, or of another shape than it says.
-        InputError: An exported file whose runtime is not installed.
+        InputError: An ONNX file without ONNX Runtime.
 
     Example:
         >>> from lfref.nets import checkpoint
@@ -58,91 +51,85 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     if path == "refnet":
         return refnet(device=device)
     path = Run.of(path).best if Path(path).is_dir() else Path(path)
-    if file_formats.format_of(path) is not None:
-        refocuser = load_exported(path)
-        refocuser.device = torch.device("cpu")
-        return refocuser
+    if path.suffix == ".onnx":
+        return load_onnx(path)
     contents = checkpoint.read(path)
     if networks.REFINER in contents["lfref"]:
         return networks.restored_refiner(path, contents, run_name(path), device)
     return networks.restored_network(path, contents, run_name(path), device)
 
 
-def load_exported(path: Path) -> Refocuser:
-    """A file that `lfref export` wrote as a refocuser.
+DESCRIPTION = "lfref"
+"""Entry of an exported file that describes it: JSON of plain values."""
+VIEWS, SLOPES, STACK = "views", "slopes", "stack"
+"""Names of the inputs and of the output of an exported file."""
 
-    Raises:
-        CheckpointError: The file is another one, or its manifest is wrong.
-        InputError: Its runtime is not installed.
-    """
-    run, manifest = file_formats.read(path)
+
+def load_onnx(path: Path) -> Refocuser:
+    """An ONNX file that `lfref export` wrote, run by ONNX Runtime on the CPU."""
+    with needed("an ONNX file"):
+        import onnxruntime
     try:
-        if SLOPES in manifest.inputs:
-            return ExportedOperator(run, manifest)
-        if manifest.reads_views:
-            network, planes = ExportedNetwork(run, manifest), planes_from(manifest.planes or {})
-            return NetworkRefocuser(network, planes, manifest.name, manifest.is_linear)
-        base, names = networks.described_refiner(manifest.config)
-        refiner = ExportedRefiner(run, renamed(manifest.config[networks.REFINER]))
-        return RefinedRefocuser(refiner, base, names, manifest.name)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise CheckpointError(f"{path} must say what it holds", got=error, remedy="export it anew") from error
+        session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+        description = json.loads(session.get_modelmeta().custom_metadata_map[DESCRIPTION])
+
+        def run(*inputs: Tensor) -> Tensor:
+            names = [value.name for value in session.get_inputs()]
+            (stack,) = session.run([STACK], {name: each.numpy() for name, each in zip(names, inputs, strict=True)})
+            return torch.from_numpy(stack)
+
+        return exported(run, description)
+    except Exception as error:  # ONNX Runtime raises any error for a foreign file
+        remedy = "give what lfref export wrote"
+        raise CheckpointError(f"{path} must be a model of lfref", got=first_line(error), remedy=remedy) from error
 
 
-FIND_DISPARITIES = (shift_and_sum_through_cells.__name__, separable_wiener.__name__)
-"""Operators of files that estimate the disparities of the scene, as far as views move little."""
+def exported(run: Callable[..., Tensor], description: Mapping[str, Any]) -> Refocuser:
+    """A refocuser that a runtime computes on the CPU.
+
+    Args:
+        run: Views [B, V, U, C, H, W] -> stacks of a network, or views [V, U, C, H, W] and slopes [N] -> stack of an
+            operator; float32.
+        description: Name, axes of the views, and of a network planes and `is_linear`.
+    """
+    *_, n_rows, n_columns, channels, _, _ = description[VIEWS]
+    grid = int(n_rows), int(n_columns)
+    if "planes" not in description:
+        return ExportedOperator(run, description["name"], grid)
+    planes = planes_from(description["planes"])
+    network = ExportedNetwork(run, len(planes), grid, int(channels))
+    refocuser = NetworkRefocuser(network, planes, description["name"], description["is_linear"])
+    refocuser.device = CPU
+    return refocuser
 
 
 class ExportedOperator(Refocuser):
-    """Views and slopes -> stack by a runtime, on the CPU; it takes linear light, whatever encoding the file reads."""
+    """Views and slopes -> stack by a runtime."""
 
-    def __init__(self, run: NetworkFunction, manifest: Manifest) -> None:
-        n_rows, n_columns, *_ = manifest.inputs[VIEWS]
-        self.run, self.name = run, manifest.name
-        self.grid: tuple[int, int] = (int(n_rows), int(n_columns))
-        chosen("samples", manifest.samples, SAMPLE_TYPES)
-        self.samples, self.encoding = manifest.samples, parsed(manifest.encoding)
-        self.finds_disparities = manifest.config["operator"] in FIND_DISPARITIES
-        self.n_channels = manifest.inputs[VIEWS][2]
+    device = CPU
+
+    def __init__(self, run: Callable[..., Tensor], name: str, grid: tuple[int, int]) -> None:
+        self.run, self.name, self.grid = run, name, grid
 
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-        """The file's stack.
-
-        Raises:
-            InputError: Views that are not finite or of another grid, slopes that shift them too far, cameras that do
-                not stand on an even grid.
-        """
+        """As in `Refocuser`; untrusted samples are replaced by what the other views show."""
         light = batches.radiance(views)
-        check_for_network(self.name, light, positions, torch.device("cpu"))
-        _check_grid(views, self.grid, self.n_channels)
-        planes = batches.checked_slopes(slopes, *batches.grid_and_size(views), None).float()
+        check_for_network(self.name, light, positions, CPU)
         if weight is not None:
-            # The file has no input for weights.
             light = filling.filled(light, weight.to(light))
-        fields = batches.flattened(light).float()
-        if self.finds_disparities and any(disparity_range(field).sure is not None for field in fields):
-            raise InputError(
-                f"{self.name} as a file needs views that move by less than about 3 pixels per view step, less if small",
-                got="views that move farther",
-                remedy="use the method instead of its file",
-            )
-        samples = to_samples(fields, self.samples, self.encoding)
-        stacks = torch.stack([_computed(self.run, field, planes) for field in samples])
-        return batches.restored(self.encoding.decode(stacks), views)
+        fields = batches.flattened(light).float().contiguous()
+        return batches.restored(torch.stack([self.run(field, slopes.float()) for field in fields]), views)
 
 
 class ExportedNetwork(Network):
-    """Views [..., V, U, C, H, W] -> stack by a runtime, on the CPU."""
+    """Views [..., V, U, C, H, W] -> stack by a runtime."""
 
     name = "exported"
 
-    def __init__(self, run: NetworkFunction, manifest: Manifest) -> None:
+    def __init__(self, run: Callable[..., Tensor], n_planes: int, grid: tuple[int, int], channels: int) -> None:
         super().__init__()
-        _, n_rows, n_columns, n_channels, *_ = manifest.inputs[VIEWS]
-        self.run = run
-        self.config = {"channels": n_channels}
-        self.n_planes = int(manifest.output[1])
-        self.grid: tuple[int, int] = (int(n_rows), int(n_columns))
+        self.run, self.n_planes, self.grid = run, n_planes, grid
+        self.config = {"channels": channels}
 
     @property
     def like(self) -> Tensor:
@@ -150,54 +137,7 @@ class ExportedNetwork(Network):
         return torch.empty(0)
 
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """As in `Network`.
-
-        Raises:
-            InputError: Views of another grid or of other channels.
-        """
-        check_views(views)
-        _check_grid(views, self.grid, self.config["channels"])
-        stack = _computed(self.run, views.reshape(-1, *views.shape[-5:]).float())
-        return stack.reshape(*views.shape[:-5], *stack.shape[1:])
-
-
-class ExportedRefiner(Corrector):
-    """Features, pictures and error scale -> better pictures by a runtime, on the CPU."""
-
-    def __init__(self, run: NetworkFunction, config: Mapping[str, Any]) -> None:
-        super().__init__()
-        self.run = run
-        self.config = dict(config)
-        self.n_candidates = int(config["n_candidates"])
-
-    @property
-    def like(self) -> Tensor:
         """As in `Network`."""
-        return torch.empty(0)
-
-    def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
-        """As in `Refiner`."""
-        return _computed(self.run, features.float(), pictures.float(), error_scale.float()).to(pictures)
-
-
-def _check_grid(views: Tensor, grid: tuple[int, int], n_channels: int | str = "C") -> None:
-    if tuple(views.shape[-5:-3]) != grid or n_channels not in (views.shape[-3], "C"):
-        raise InputError(
-            f"this file reads views [..., {grid[0]}, {grid[1]}, {n_channels}, H, W]",
-            got=f"shape {list(views.shape)}",
-            remedy=f"read them with reader.views=[{grid[0]},{grid[1]}]",
-        )
-
-
-@torch.no_grad()
-def _computed(run: NetworkFunction, *inputs: Tensor) -> Tensor:
-    """Output of a runtime; errors of any kind become one line."""
-    try:
-        # The precision of a file was settled when it was written.
-        with torch.autocast("cpu", enabled=False):
-            return run(*(tensor.contiguous() for tensor in inputs))
-    except Exception as error:
-        shapes = ", ".join("x".join(map(str, tensor.shape)) for tensor in inputs)
-        raise InputError(
-            f"this file must be able to refocus {shapes}", got=first_line(error), remedy="give larger views"
-        ) from error
+        check_views(views)
+        stack = self.run(views.reshape(-1, *views.shape[-5:]).float().contiguous())
+        return stack.reshape(*views.shape[:-5], *stack.shape[1:])

@@ -19,7 +19,7 @@ from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
-from lfref.nets.refiner import Corrector, Refiner
+from lfref.nets.refiner import Refiner
 from lfref.refocus import batches
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware
@@ -61,27 +61,27 @@ class RefinedRefocuser(Refocuser):
 
     is_network = True
 
-    def __init__(self, refiner: Corrector, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
+    def __init__(self, refiner: Refiner, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
         check_names(names, refiner.n_candidates)
-        self.corrector = refiner.eval()
+        self.refiner = refiner.eval()
         self.base = base
         self.names = tuple(names)
         self.name = name
 
     def to(self, device: torch.device) -> Self:
         """As in `Refocuser`."""
-        self.corrector.to(device)
+        self.refiner.to(device)
         return self
 
     def through(self, aperture: Aperture | None) -> "RefinedRefocuser":
         """As in `Refocuser`: the method and the features look through the aperture."""
         if aperture is None:
             return self
-        return RefinedRefocuser(self.corrector, self.base.through(aperture), self.names, self.name)
+        return RefinedRefocuser(self.refiner, self.base.through(aperture), self.names, self.name)
 
     def entry(self) -> dict[str, Any]:
         """The entry `lfref` of a checkpoint, from which the refocuser is built again."""
-        return refiner_entry(self.corrector, self.base, self.names)
+        return refiner_entry(self.refiner, self.base, self.names)
 
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
@@ -91,10 +91,10 @@ class RefinedRefocuser(Refocuser):
             InputError: Views that are not finite, lie on another device or have other channels; cameras that do not
                 stand on an even grid.
         """
-        like = self.corrector.like
+        like = self.refiner.like
         radiance = batches.radiance(views).to(like.dtype)
         check_for_network(self.name, radiance, positions, like.device)
-        n_channels = int(self.corrector.config["channels"])
+        n_channels = int(self.refiner.config["channels"])
         if views.shape[-3] not in (1, n_channels):
             raise InputError(f"{self.name} refocuses views of {n_channels} channels or one", got=views.shape[-3])
         fields = batches.flattened(radiance).expand(-1, -1, -1, n_channels, -1, -1)  # grey ones become coloured
@@ -106,17 +106,17 @@ class RefinedRefocuser(Refocuser):
         is_half = any(able.get(name) for name in BF16_INSTRUCTIONS)
         dtype = torch.bfloat16 if is_half else stacks.dtype
         # As many planes at once as the caches hold.
-        n_at_once = max(1, AT_ONCE // (self.corrector.n_features * math.prod(fields.shape[-2:])))
+        n_at_once = max(1, AT_ONCE // (self.refiner.n_features * math.prod(fields.shape[-2:])))
         for stack, field, of_field in zip(stacks, fields, weights, strict=True):
             light = LightField(field, weight=of_field)
             parts = refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype)
             for planes, part in zip(stack.split(n_at_once), parts, strict=True):
                 with torch.autocast(device, torch.bfloat16, enabled=is_half):
-                    planes.copy_(self.corrector(*part))
+                    planes.copy_(self.refiner(*part))
         return batches.restored(stacks.mean(-3, keepdim=True) if views.shape[-3] == 1 else stacks, views)
 
 
-def refiner_entry(refiner: Corrector, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
+def refiner_entry(refiner: Refiner, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
     """The entry `lfref` of a checkpoint, from which the refocuser is built again.
 
     Args:

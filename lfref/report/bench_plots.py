@@ -1,4 +1,4 @@
-"""Plots of `lfref bench`, one function per table: error causes, costs of operators, growth, engines, the simulator.
+"""Plots of `lfref bench`, one function per table: error causes, costs of operators, growth, the simulator.
 
 A missing column, or a table without numbers, raises an `InputError` that names it.
 """
@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from lfref.report import drawing, tables
@@ -140,57 +139,6 @@ def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     handles = {line.get_label(): line for axes in grid.flat for line in axes.get_lines() if line.get_marker() != "None"}
     figure.legend(handles=[*handles.values()], loc="outside upper left", ncols=3, frameon=False, fontsize=9)
     return figure
-
-
-PRECISION_COLOURS = {"fp32": BLUE, "bf16": TEAL, "int8": ORANGE}
-LEAST_AGREEMENT_DB = 20.0
-"""Agreement at which bars begin, in dB."""
-
-
-def engines(rows: pd.DataFrame) -> Figure:
-    """Two panels per network: speed of every engine, and its loss of accuracy.
-
-    Args:
-        rows: Columns `network`, `engine`, `precision`, `ratio_to_eager`, `loss_db`, `agreement_db`.
-    """
-    tables.require(rows, "network", "engine", "precision", "loss_db", "agreement_db")
-    networks = list(tables.require_numbers(rows, "ratio_to_eager").groupby("network", sort=False))
-    figure = new_figure(8, 0.8 + sum(0.8 + 0.22 * len(group) for _, group in networks))
-    heights = [3 + len(group) for _, group in networks]
-    panels = figure.subplots(len(networks), 2, squeeze=False, width_ratios=(1.5, 1), height_ratios=heights)
-    for (speed, loss), (network, group) in zip(panels, networks, strict=True):
-        ranked = group.sort_values("ratio_to_eager", kind="stable").reset_index(drop=True)
-        ratios, colours = ranked["ratio_to_eager"], ranked["precision"].map(PRECISION_COLOURS)
-        speed.barh(ranked.index, ratios, height=0.62, color=colours)
-        speed.axvline(1, color=GREY, linewidth=0.8)
-        speed.set_yticks(ranked.index, ranked["engine"] + " " + ranked["precision"])
-        speed.set_xlim(0, 1.12 * ratios.max())
-        _label_bars(speed, ratios, [f"{ratio:.1f}" for ratio in ratios])
-        style_axes(speed, "Times faster than eager fp32", "", tables.plot_text(network, 60))
-
-        loss.set_yticks(ranked.index, [""] * len(ranked))
-        loss.margins(x=0.2)
-        if ranked["loss_db"].notna().any():
-            values = ranked["loss_db"]
-            loss.barh(ranked.index, values, height=0.62, color=colours)
-            _label_bars(loss, np.maximum(values, 0), [f"{round(value, 2) + 0.0:.2f}" for value in values])
-            style_axes(loss, "dB", "", "Loss of PSNR: to the left is better")
-        else:
-            # Pictures of an untrained network show nothing: only their agreement with eager float32 counts.
-            values = ranked["agreement_db"].clip(lower=LEAST_AGREEMENT_DB)
-            lengths = values - LEAST_AGREEMENT_DB
-            loss.barh(ranked.index, lengths, left=LEAST_AGREEMENT_DB, height=0.62, color=colours)
-            _label_bars(loss, values, [tables.format_cell("psnr_db", value) for value in values])
-            style_axes(loss, "PSNR, dB", "", "Agreement with eager fp32")
-    handles = [Patch(color=colour, label=precision) for precision, colour in PRECISION_COLOURS.items()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    return figure
-
-
-def _label_bars(axes: Axes, ends: pd.Series, texts: list[str]) -> None:
-    for place, (end, text) in enumerate(zip(ends, texts, strict=True)):
-        axes.annotate(text, (end, place), (3, 0), textcoords="offset points", va="center", fontsize=8)
-    axes.set_axisbelow(True)
 
 
 def data_rates(rates: pd.DataFrame, waits: pd.DataFrame) -> Figure:

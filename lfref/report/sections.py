@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from lfref.bench import accuracy, engine_timing
+from lfref.bench import accuracy
 from lfref.bench.timing import FFT
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.report import accuracy_time, answers, bench_plots, crops, plots, stability_table, sweeps, tables
@@ -294,23 +294,6 @@ def data_rates(folder: Path) -> Section:
     return Section("Data", text, figures, {"Crops per second": rates, "Waits": waits}, answer=answer)
 
 
-def engines(folder: Path) -> Section:
-    """Speed and accuracy of engines, of `lfref bench group=engines`."""
-    rows = tables.read_table(folder / "engines.csv")
-    text = (
-        "One pass of a network for the whole stack, the fastest of all, beside PyTorch's own in float32. The loss is "
-        "that of PSNR against the truth, the picture of a lens. Pictures of a network without training show nothing, "
-        "so they are only compared with those of float32. The start is the time until the first stack is ready."
-    )
-    tables.require_numbers(rows, "ratio_to_eager", "min_s", "agreement_db")
-    answer = "; ".join(
-        f"{row.engine} {row.precision} is fastest for {row.network}, {row.ratio_to_eager:.1f} times eager fp32"
-        for row in engine_timing.fastest(rows).itertuples()
-    )
-    sentence = f"At a loss of at most 0.1 dB, {answer}." if answer else ""
-    return Section("Engines", text, {"Engines": bench_plots.engines(rows)}, {"All figures": rows}, answer=sentence)
-
-
 MAKERS: dict[str, Callable[[Path], Section]] = {
     METRICS: training,
     SUMMARY: evaluation,
@@ -320,7 +303,6 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     "operators.csv": operators,
     "simulate.csv": simulation,
     "waits.csv": data_rates,
-    "engines.csv": engines,
     "goals.csv": stability_table.goals,
     "stability.csv": stability_table.hard_cases,
     SHEETS[0]: refocusing,

@@ -25,7 +25,7 @@ from lfref.losses.composite import TERMS, CompositeLoss, RelativeError
 from lfref.metrics.stack import GROUPS, MPSNR, MSSIM, Explained
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
-from lfref.nets.refiner import Corrector
+from lfref.nets.refiner import Refiner
 from lfref.refocuser.features import channels, renamed
 
 OptimizerFactory = Callable[[list[dict[str, Any]]], Optimizer]
@@ -281,7 +281,7 @@ class Refining(Fitting):
 
     def __init__(
         self,
-        net: Corrector,
+        net: Refiner,
         loss: RelativeError,
         recipe: Recipe,
         optimizer: OptimizerFactory,

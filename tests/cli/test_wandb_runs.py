@@ -2,26 +2,20 @@
 
 import base64
 import hashlib
-import json
 import os
 import subprocess
-from types import SimpleNamespace
 
 import numpy as np
 import OpenImageIO
 import pytest
 import torch
-import wandb
-import yaml
 from lightning.pytorch.callbacks import ModelCheckpoint
 from omegaconf import OmegaConf
 
 import lfref as package
 from lfref.cli import loggers, wandb_runs
-from lfref.nets import checkpoint
 from tests.cli import wandb_files
 from tests.cli.conftest import TINY
-from tests.export import cases
 
 WORDS = (*TINY, "callbacks.progress=null", "callbacks.summary=null", "logger=wandb", "logger.wandb.offline=true")
 
@@ -156,109 +150,3 @@ def test_a_checkpoint_is_uploaded_again_only_when_it_has_changed(tmp_path):
         logger.after_save_checkpoint(callback)
     logger.experiment.finish()
     assert artifacts_of(tmp_path) == [(["best"], "model.ckpt", known) for _, known in digests]
-
-
-@pytest.fixture
-def logged_run(tmp_path):
-    """Folder of a run that is in wandb as `abc`, with two checkpoints."""
-    (tmp_path / "run" / "checkpoints").mkdir(parents=True)
-    place = {"logger": {"csv": {}, "wandb": {"project": "ours", "entity": None}}}
-    (tmp_path / "run" / "config.yaml").write_text(yaml.safe_dump(place))
-    (tmp_path / "run" / wandb_runs.ID).write_text("abc\n")
-    for name in ("best", "last"):
-        (tmp_path / "run" / "checkpoints" / f"{name}.ckpt").write_text(name)
-    return tmp_path / "run"
-
-
-def test_an_exported_checkpoint_is_that_of_its_run(logged_run):
-    best = wandb_runs.logged_checkpoint(logged_run)
-    assert (best.id, best.artifact, best.place) == ("abc", "model-abc:best", {"project": "ours"})
-    last = wandb_runs.logged_checkpoint(logged_run / "checkpoints" / "last.ckpt")
-    assert (last.artifact, last.path.name) == ("model-abc:last", "last.ckpt")
-
-
-class OnlineRun:
-    """A run with a network, as far as an export needs it; notes what happens."""
-
-    offline = False
-
-    def __init__(self, digest):
-        self.digest, self.used, self.logged = digest, [], []
-
-    def use_artifact(self, name):
-        self.used.append(name)
-        if self.digest is None:
-            raise wandb.errors.CommError("no such artifact")
-        entries = {"model.ckpt": SimpleNamespace(digest=self.digest)}
-        return SimpleNamespace(manifest=SimpleNamespace(entries=entries))
-
-    def log_artifact(self, artifact, aliases):
-        self.logged.append((artifact, aliases))
-
-
-@pytest.mark.parametrize(
-    ("stored", "warning"),
-    [("best", None), ("older", "is not the checkpoint that was exported"), (None, "wandb has no model-abc:best")],
-)
-def test_the_checkpoint_is_the_source_of_its_export(logged_run, tmp_path, caplog, stored, warning):
-    checkpoint = wandb_runs.logged_checkpoint(logged_run)
-    (tmp_path / "older").write_text("older")
-    digests = {"best": digest(checkpoint.path), "older": digest(tmp_path / "older"), None: None}
-    (tmp_path / "net.onnx").write_text("exported")
-    run = OnlineRun(digests[stored])
-    wandb_runs.log_export(run, checkpoint, [tmp_path / "net.onnx"], "onnx-fp32")
-    assert run.used == ["model-abc:best"]
-    ((artifact, aliases),) = run.logged
-    assert (artifact.name, artifact.type, aliases) == ("export-abc", "model-export", ["onnx-fp32"])
-    assert artifact.metadata["checkpoint_md5"] == digest(checkpoint.path)
-    assert {name: entry.digest for name, entry in artifact.manifest.entries.items()} == {
-        "net.onnx": digest(tmp_path / "net.onnx")
-    }
-    assert [record.levelname for record in caplog.records if record.name == "lfref"] == ["WARNING"] * bool(warning)
-    assert (warning or "") in caplog.text
-
-
-@pytest.mark.slow
-def test_an_exported_file_goes_into_the_run_of_its_training(lfref, tmp_path):
-    status, errors = lfref("train", *WORDS, "trainer.max_epochs=1", f"output={tmp_path}/run")
-    assert status == 0, errors
-    words = ("sizes=[[48,64]]", "source.scenes.camera.size=[48,64]", "format=safetensors", f"output={tmp_path}/out")
-    logger = ("logger=wandb", "logger.wandb.offline=true", "logger.wandb.project=another")
-    status, errors = lfref("export", f"checkpoint={tmp_path}/run", *words, *logger)
-    assert status == 0, errors
-    (trained,), (exported,) = (wandb_files.offline_files(tmp_path / name) for name in ("run", "out"))
-    own, run = wandb_files.run_of(trained), wandb_files.run_of(exported)
-    assert (run.run_id, run.project, run.run_group) == (own.run_id, own.project, "")
-    files = [tmp_path / "out" / name for name in ("run.safetensors", "run.safetensors.parity.json")]
-    expected = {(path.name, digest(path)) for path in files}
-    found = artifacts_of(tmp_path / "out", "model-export")
-    assert {(name, md5) for _, name, md5 in found} == expected
-    assert {tuple(aliases) for aliases, _, _ in found} == {("safetensors-fp32",)}
-    best = tmp_path / "run" / "checkpoints" / "best.ckpt"
-    (artifact,) = {
-        each.name: each for each in wandb_files.artifacts_of(exported) if each.type == "model-export"
-    }.values()
-    assert json.loads(artifact.metadata) == {
-        "checkpoint": f"model-{own.run_id}:best",
-        "checkpoint_md5": digest(best),
-        "checkpoint_file": "best.ckpt",
-    }
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("method=shift_and_sum", "logger=wandb"), "logger=wandb is for networks of a training; got no checkpoint"),
-        (("checkpoint={run}", "logger=wandb"), "needs a network whose training is in wandb; got no "),
-        (("checkpoint={run}", "logger=tensorboard"), "logger of an export must be wandb; got csv, tensorboard"),
-    ],
-)
-def test_exports_that_belong_to_no_run_in_wandb_are_refused_before_the_work(lfref, tmp_path, words, said):
-    folder = tmp_path / "run" / "checkpoints"
-    folder.mkdir(parents=True)
-    (tmp_path / "run" / "config.yaml").write_text("logger: {}\n")
-    checkpoint.save(folder / "best.ckpt", cases.network().network, cases.PLANES)
-    words = [word.format(run=tmp_path / "run") for word in words]
-    status, errors = lfref("export", "format=safetensors" if "checkpoint" in words[0] else "format=pt2", *words)
-    assert status == 1
-    assert said in errors

@@ -1,14 +1,12 @@
-"""A network, a refiner and an operator, small, and light fields of three sizes."""
-
-import functools
+"""A network and a refiner, small, and light fields of three sizes."""
 
 import torch
 
-from lfref.geometry import FocalPlanes, planes_at_alphas
+from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser
 
@@ -26,18 +24,12 @@ def field(size=(31, 45), seed=0):
 FIELDS = [field(), field((24, 32), 1), field((40, 33), 2)]
 
 
-def network(shuffle=1):
+def network(shuffle=1, normalization="instance"):
     torch.manual_seed(3)
     coarse = {"shuffle": shuffle, "stem_by_colour": True, "stem_width": 15} if shuffle > 1 else {"stem_width": 16}
-    net = RefNet(3, GRID, widths=(16, 8), **coarse).requires_grad_(False)
+    net = RefNet(3, GRID, widths=(16, 8), normalization=normalization, **coarse).requires_grad_(False)
     net.initialize(FIELDS[0].views[None], None, 0.3 + 0.4 * FIELDS[0].views[None, 1])
     return NetworkRefocuser(net, PLANES, "net", is_linear=True)
-
-
-def untrained():
-    """A RefNet that makes noise of a black frame: it normalises its own roundings."""
-    torch.manual_seed(0)
-    return NetworkRefocuser(RefNet(3, GRID, widths=(16,) * 6, stem_width=16).requires_grad_(False), PLANES, "new")
 
 
 def refiner():
@@ -49,11 +41,3 @@ def refiner():
     net.head[1].bias[-4:] = 3.0  # the gate, of each of four pixels, is open
     base = OperatorRefocuser("cells", shift_and_sum_through_cells)
     return RefinedRefocuser(net, base, FEATURES, "refined")
-
-
-def operator(**options):
-    return OperatorRefocuser("sums", functools.partial(shift_and_sum, **options) if options else shift_and_sum)
-
-
-SUBJECTS = {"network": network, "refiner": refiner, "operator": operator}
-SLOPES = FocalPlanes([-2.0, -0.3, 0.5])

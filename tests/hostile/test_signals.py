@@ -1,6 +1,6 @@
 """Signals to a training in two processes: all end soon, with one line, and what they resume is equal to the bit.
 
-`python docs/fuzz.py signals` tries this at random moments; here each kind of signal comes once, after the first epoch.
+Each kind of signal comes once, after the first epoch.
 """
 
 import os

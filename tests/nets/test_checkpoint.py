@@ -87,7 +87,7 @@ def test_a_checkpoint_of_format_1_is_read_by_its_alphas(tmp_path):
 
 def test_the_file_holds_plain_containers_and_tensors_only(saved):
     loaded = torch.load(saved, weights_only=True)
-    assert set(loaded) == {"lfref", "state_dict", "sha256"}
+    assert set(loaded) == {"lfref", "state_dict"}
     assert loaded["lfref"]["format"] == checkpoint.FORMAT
     assert loaded["lfref"]["planes"] == {"slopes": [-0.5, 1.0], "convention": "parallel"}
     assert all(isinstance(value, torch.Tensor) for value in loaded["state_dict"].values())

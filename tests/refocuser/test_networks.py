@@ -207,7 +207,7 @@ def fresh():
 
 def test_it_is_the_method_corrected_by_the_network(refined):
     views = torch.rand(3, 3, 3, 20, 22)
-    expected = refined.corrector(*next(refiner_inputs(LightField(views), SLOPES, BASE, NAMES)))
+    expected = refined.refiner(*next(refiner_inputs(LightField(views), SLOPES, BASE, NAMES)))
     torch.testing.assert_close(refined(views, SLOPES), expected.detach(), atol=2e-3, rtol=0)
 
 
@@ -216,7 +216,7 @@ def test_corrections_are_of_half_precision_where_the_processor_multiplies_it(ref
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: able, raising=False)
     views = torch.rand(3, 3, 3, 20, 22)
     with torch.no_grad():
-        whole = refined.corrector(*next(refiner_inputs(LightField(views), SLOPES, BASE, NAMES)))
+        whole = refined.refiner(*next(refiner_inputs(LightField(views), SLOPES, BASE, NAMES)))
     apart = float((refined(views, SLOPES) - whole).abs().max())
     assert (1e-6 < apart < 5e-3) if able else apart < 1e-6
 

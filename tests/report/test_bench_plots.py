@@ -127,33 +127,6 @@ def test_ways_of_loading_are_lines_of_one_panel_or_if_they_are_more_than_seven_s
     assert len(waits.get_lines()) == 1
 
 
-def engine_rows():
-    table = [
-        ("net", "eager", "fp32", 1.0, 0.0, 100.0), ("net", "vino", "int8", 6.0, 0.4, 35.0),
-        ("net", "vino", "bf16", 3.0, -0.02, 47.0), ("net", "graphs", "fp32", None, None, None),
-        ("raw", "eager", "fp32", 1.0, math.nan, 100.0), ("raw", "vino", "int8", 2.0, math.nan, 12.0),
-    ]  # fmt: skip
-    return pd.DataFrame(table, columns=["network", "engine", "precision", "ratio_to_eager", "loss_db", "agreement_db"])
-
-
-def test_every_network_has_speeds_ranked_and_coloured_by_precision():
-    figure = bench_plots.engines(engine_rows())
-    speeds = figure.axes[::2]
-    assert [axes.get_title("left") for axes in speeds] == ["net", "raw"]
-    assert [bar.get_width() for bar in speeds[0].patches] == [1, 3, 6]
-    assert [label.get_text() for label in speeds[0].get_yticklabels()] == ["eager fp32", "vino bf16", "vino int8"]
-    assert len({bar.get_facecolor() for bar in speeds[0].patches}) == 3
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["fp32", "bf16", "int8"]
-
-
-def test_beside_speeds_stands_the_loss_or_without_training_the_agreement():
-    _, loss, _, agreement = bench_plots.engines(engine_rows()).axes
-    assert [bar.get_width() for bar in loss.patches] == [0, -0.02, 0.4]
-    assert [text.get_text() for text in loss.texts] == ["0.00", "-0.02", "0.40"]
-    assert [bar.get_x() + bar.get_width() for bar in agreement.patches] == [100, 20]  # none ends before bars begin
-    assert agreement.get_title("left") == "Agreement with eager fp32"
-
-
 SIMULATION_COSTS = pd.DataFrame(
     [("plane", "views", 20.0), ("plane", "truth", 30.0), ("all", "views", 1.0)],
     columns=["scene", "output", "forced_over_planned"],
@@ -187,7 +160,6 @@ def test_more_methods_of_the_simulator_are_small_multiples():
     [
         (lambda: bench_plots.error_causes(cause_rows().drop(columns="won_db")), "won_db"),
         (lambda: bench_plots.operator_costs(cost_rows().drop(columns="memory_ratio")), "memory_ratio"),
-        (lambda: bench_plots.engines(engine_rows().assign(ratio_to_eager=None)), "ratio_to_eager"),
         (lambda: bench_plots.simulation(SIMULATION_COSTS, SIMULATION_PLANES.drop(columns="slope")), "slope"),
     ],
 )

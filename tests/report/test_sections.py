@@ -258,14 +258,9 @@ def test_every_kind_of_bench_answers_with_figures_of_its_tables(operators, tmp_p
         for n in (0, 2)
     ]
     waits = [{"label": "sum", "labels_on": "device", "workers": n, "wait_share": 0.25 / (n + 1)} for n in (0, 4)]
-    engines = [
-        {"network": "net", "engine": "vino", "precision": precision, "min_s": 1 / ratio, "ratio_to_eager": ratio}
-        | {"loss_db": loss, "agreement_db": 40.0}
-        for precision, ratio, loss in (("fp32", 1.0, 0.0), ("bf16", 3.0, 0.05), ("int8", 6.0, 0.4))
-    ]
     written = {
         "causes": causes, "causes_by_plane": by_plane, "simulate": costs, "alphas": planes, "rates": rates,
-        "waits": waits, "engines": engines,
+        "waits": waits,
     }  # fmt: skip
     for name, rows in written.items():
         tables.write_table(tmp_path / "all" / f"{name}.csv", rows)
@@ -279,7 +274,6 @@ def test_every_kind_of_bench_answers_with_figures_of_its_tables(operators, tmp_p
         "long.",
         "Data": "Most crops per second, 150, come from stored fields by 2 workers, with labels of sum by the device; "
         "at best a training waits 5 % of a step.",
-        "Engines": "At a loss of at most 0.1 dB, vino bf16 is fastest for net, 3.0 times eager fp32.",
         "Costs of operators": "The fastest method, sum, takes 0.05 units of time, the slowest, slow, 1.5; 1 of 2 keep "
         "to the budget of memory.",
     }

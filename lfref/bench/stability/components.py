@@ -6,27 +6,19 @@ Each component has our formulation, textbook forms if there are some, reference 
 
 import copy
 import functools
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-from lfref.bench import timing
 from lfref.bench.accuracy import Row
 from lfref.bench.stability import catalogue, trials
 from lfref.bench.stability import reference_formulas as reference
 from lfref.bench.stability import textbook_formulas as textbook
 from lfref.bench.stability.trials import OURS, Component, Formulation, Precision, Tolerance, TrialResult
-from lfref.engines.engine import FP32
-from lfref.engines.files.file_formats import FORMATS
-from lfref.export import graphs
-from lfref.export.export_file import ExportFile
 from lfref.functional.psnr import inverse_psnr, psnr
 from lfref.functional.ssim import one_minus_ssim
-from lfref.geometry import even_planes
 from lfref.losses.composite import PAPER_WEIGHTS, CompositeLoss, mean_absolute_error, mean_squared_error
 from lfref.metrics.stack import MPSNR, MSSIM, StackQuality
 from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS
@@ -39,8 +31,6 @@ from lfref.refocus.fourier.super_resolution import super_resolve
 from lfref.refocus.homography import homography, slope_homographies
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.surface import per_pixel, tilt_shift
-from lfref.refocuser.load import load
-from lfref.refocuser.networks import NetworkRefocuser
 from lfref.simulator.simulate import simulate
 
 FLOAT32 = Precision(torch.float32)
@@ -292,39 +282,6 @@ def _network_tolerance(values: Tensor, precision: Precision, *views: Tensor) -> 
     """A share of the brightest pixel in float32; infinite in half types, since errors grow through 11 blocks."""
     brightest = float(values.nan_to_num(0, 0, 0).abs().max())
     return torch.full_like(values, NETWORK_ERROR * brightest if precision == FLOAT32 else torch.inf)
-
-
-# Exported files in float32, read by `load` and run by their own runtime, against the network in PyTorch in float64.
-
-
-def file_components() -> list[Component]:
-    """A component for each file format whose packages are installed."""
-    planes, components = even_planes(N_PLANES), []
-    for name, file_format in FORMATS.items():
-        if file_format.lacking:
-            continue
-        networks = [network().to(dtype).requires_grad_(False) for dtype in (torch.float32, torch.float64)]
-        ours, exact = (NetworkRefocuser(network, planes) for network in networks)
-        graph = graphs.exportable(ours, planes, catalogue.NETWORK_GRID)
-        with tempfile.TemporaryDirectory() as folder:
-            order = ExportFile(Path(folder, "network"), name, FP32, str(timing.version("lfref")))
-            forms = {OURS: load(order.write_draft(Path(folder), ours, graph))}
-        title = f"exported network, {name}"
-        components.append(Component(title, forms, exact, _file_tolerance, catalogue.NETWORK_VIEWS, has_gradient=False))
-    return components
-
-
-def missing_formats() -> Iterator[Row]:
-    """A row for each file format that cannot be tried, with the packages that are not installed."""
-    for name, file_format in FORMATS.items():
-        if file_format.lacking:
-            yield trials.missing(f"exported network, {name}", f"no {' and no '.join(file_format.lacking)} installed")
-
-
-def _file_tolerance(values: Tensor, precision: Precision, *views: Tensor) -> Tensor:
-    """Files compute in float32, whatever the type of their views; a half type also rounds the result."""
-    rounding = 0.0 if precision.dtype == torch.float32 else torch.finfo(precision.dtype).eps / 2
-    return NETWORK_ERROR * values.abs().max() + rounding * values.abs()
 
 
 # The simulator has no formulations of tensors: its scenes have one colour, which all results must have.

@@ -2,7 +2,7 @@
 
 Outcomes: `holds` (within the tolerance), `inexact` (beyond the tolerance), `not finite` (NaN or infinity in a value or
 gradient that has an answer), `hidden` (a finite value where the input has no answer), `refused` (an error that is
-allowed), `error` (an error that is not allowed), `missing` (the component cannot be run here).
+allowed), `error` (an error that is not allowed).
 """
 
 import copy
@@ -190,12 +190,6 @@ def compare(result: TrialResult, reference: Tensor, tolerance: Tensor) -> Row:
 def _finite_images(values: Tensor) -> Tensor:
     """Whether each image or plane holds finite numbers only."""
     return values.reshape(len(values), -1).isfinite().all(1)
-
-
-def missing(component: str, note: str) -> Row:
-    """Row of a component that cannot be run here; the note says why."""
-    names = {"component": component, "case": "all", "precision": "all", "formulation": OURS}
-    return names | _outcome("missing", note=note)
 
 
 def _outcome(

@@ -8,7 +8,6 @@ import torch
 
 from lfref.bench.stability import catalogue, components, trials
 from lfref.bench.stability.trials import OURS, PRECISIONS
-from lfref.engines.files.file_formats import FORMATS, NetworkFormat
 from lfref.nets.blocks import ACTIVATIONS, NORMALIZATIONS
 
 IMAGES = {component.name: component for component in components.image_components()}
@@ -110,31 +109,6 @@ def test_weights_of_networks_come_from_a_seed_and_leave_the_global_one_alone():
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
     assert torch.equal(before, torch.random.get_rng_state())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FORMATS)
-def test_exported_files_equal_their_network_and_refuse_nan(name, monkeypatch, few_precisions):
-    if FORMATS[name].lacking:
-        pytest.skip(f"needs {', '.join(FORMATS[name].lacking)}")
-    monkeypatch.setattr(components, "FORMATS", {name: FORMATS[name]})
-    (component,) = components.file_components()
-    for row in run(component, OURS):
-        expected = {"one NaN": ["refused"], "black": ["holds", "inexact"]}.get(row["case"], ["holds"])
-        assert row["outcome"] in expected, row
-    file = component.formulations[OURS]
-    wrong = component._replace(formulations={OURS: lambda views: file(views) + 0.1})
-    assert {row["outcome"] for row in run(wrong, OURS, "benign")} == {"inexact"}
-
-
-def test_formats_that_are_not_installed_are_missing_and_not_tried(monkeypatch):
-    absent = NetworkFormat(".absent", ("fp32",), ("json", "no_such_runtime"), None, None, "absent")
-    monkeypatch.setattr(components, "FORMATS", {"absent": absent})
-    assert components.file_components() == []
-    (row,) = components.missing_formats()
-    assert (row["component"], row["outcome"], row["note"]) == (
-        "exported network, absent", "missing", "no no_such_runtime installed",
-    )  # fmt: skip
 
 
 def test_simulated_scenes_have_their_one_colour_in_views_and_truth(monkeypatch):

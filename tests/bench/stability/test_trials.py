@@ -142,8 +142,3 @@ def test_both_ways_of_an_operator_are_run():
 
     trials.run_formulation(operator, (torch.ones(2),), FLOAT32, has_inference_path=True)
     assert log == [True, False]
-
-
-def test_what_does_not_exist_holds_nothing():
-    row = trials.missing("export", "there is none")
-    assert (row["outcome"], row["holds"], row["note"]) == ("missing", "no", "there is none")

@@ -1,18 +1,13 @@
-"""Separable Wiener refocusing as one graph computes the pictures of the method, for any slopes and sizes."""
-
-import functools
+"""Separable Wiener refocusing as a graph computes the pictures of the method, for any slopes and sizes."""
 
 import pytest
 import torch
 from torch.nn import functional as F
 
-from lfref.encoding import SRGB
-from lfref.engines.files import file_formats
-from lfref.engines.files.file_formats import FORMATS
 from lfref.errors import InputError
-from lfref.export import graphs, wiener_graph
-from lfref.export.graphs import Samples
-from lfref.export.operator_graphs import Aperture
+from lfref.export import separable_wiener as wiener_graph
+from lfref.export import sums
+from lfref.export.sums import Aperture
 from lfref.functional import noise_line
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
@@ -20,8 +15,7 @@ from lfref.refocus import apertures, axis_filters, batches
 from lfref.refocus import separable_wiener as method
 from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocuser.load import load
-from lfref.refocuser.refocuser import OperatorRefocuser
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 PLANES = FocalPlanes([-3.0, -0.6, 0.0, 0.4, 1.0])
 
@@ -138,27 +132,16 @@ def test_flat_frames_stay_flat():
         assert float((result - level).abs().max()) < 1e-5
 
 
-def test_given_disparities_cannot_be_exported():
-    given = functools.partial(separable_wiener, disparities=[0.0, 1.0])
-    with pytest.raises(InputError, match="must be numbers; got disparities"):
-        graphs.exportable(OperatorRefocuser("given", given), PLANES, (3, 3))
+SLOPES = [-2.9, -1.3, -0.5, 0.0, 0.21, 1.0, 2.0, 1 / 3, 0.1]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("format", FORMATS)
-def test_one_file_refocuses_any_size_to_any_slopes(format, tmp_path):
-    refocuser = OperatorRefocuser("separable_wiener", separable_wiener)
-    subject = graphs.exportable(refocuser, PLANES, (3, 3), Samples("uint8", SRGB))
-    path = tmp_path / f"wiener{FORMATS[format].suffix}"
-    file_formats.write(path, format, subject.graph, subject.manifest())
-    run, manifest = file_formats.read(path)
-    assert manifest.config["operator"] == "separable_wiener"
-    loaded = load(path)
-    for size, slopes, disparities in (((36, 45), [-1.0, 0.3], (0.5,)), ((51, 40), [0.0, 0.5, 0.7], (-1.5, 1.5))):
-        samples = (255 * SRGB.encode(views((3, 3), size, disparities))).round().to(torch.uint8)
-        light = SRGB.decode(samples / 255)
-        expected = SRGB.encode(separable_wiener(light, slopes))
-        torch.testing.assert_close(run(samples, torch.tensor(slopes)), expected, atol=2e-4, rtol=0)
-        torch.testing.assert_close(SRGB.encode(loaded(light, slopes)), expected, atol=2e-4, rtol=0)
-    with pytest.raises(InputError, match="move farther"):
-        loaded(views((3, 3), (80, 80), (6.0,)), [0.0])
+@pytest.mark.parametrize(
+    ("grid", "channels", "size"),
+    [((5, 5), 3, (31, 45)), ((7, 7), 1, (24, 24)), ((3, 4), 1, (20, 33)), ((1, 1), 1, (9, 8))],
+)
+def test_a_sum_is_cubic_shift_and_sum_for_any_slopes_and_sizes(grid, channels, size):
+    light = torch.rand(*grid, channels, *size)
+    slopes = [slope for slope in SLOPES if abs(slope) * (max(grid) - 1) < min(size)]
+    result, _ = sums.CubicSum(Aperture(grid, None))(light, torch.tensor(slopes))
+    expected = shift_and_sum(light.double(), slopes, interpolation="cubic")
+    torch.testing.assert_close(result.double(), expected, atol=2e-6, rtol=0)

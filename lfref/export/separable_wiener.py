@@ -3,9 +3,9 @@
 It computes what `lfref.separable_wiener` computes, by its own functions where they are plain operations. Runtimes have
 no solvers and no branches: positive definite matrices are inverted by sweeps over their rows, layers that are not
 tried have shares of 0, and masks select the blocks of a level of light. The reach of the filters is a length that data
-decide. Small systems are float64; OpenVINO computes them in float32, and is off by some 1e-5 of light.
+decide. Small systems are float64.
 Where views move so far that gradients fail, about 3 pixels per view step, the method searches all slopes, and the
-graph does not (as `ThroughCells`).
+graph does not.
 Letters: `N` planes, `K` layers, `F` frequencies that are sampled, `M` blocks, `I` views along an axis, `T` taps,
 `C H W` channel, pixel row and column, `v u` view row and column.
 """
@@ -16,22 +16,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from lfref.export.operator_graphs import (
-    Aperture,
-    SumByTaps,
-    filter_and_sum,
-    finished,
-    gathered,
-    number,
-    snapped,
-    wrapped,
-)
+from lfref.export.sums import Aperture, CubicSum, filter_and_sum, gathered, number, snapped, wrapped
 from lfref.functional import noise_line
 from lfref.functional.neighbours import box_max
 from lfref.refocus import axis_filters, batches, separable_wiener
 from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.fourier.disparity_layers import Energies
-from lfref.refocus.sampling import INTERPOLATIONS
 
 BEYOND = 3e38
 """Stands for infinity, which files may not hold."""
@@ -49,7 +39,7 @@ class SeparableWiener(nn.Module):
         self.terms = separable_wiener.products(batches.symmetric_weights(aperture.weights, aperture.grid))
         self.level = float(sum(term.rows.sum() * term.columns.sum() for term in self.terms))
         self.energies, self.noise = LayerEnergies(aperture), NoiseShare(aperture)
-        self.sums = SumByTaps(aperture, INTERPOLATIONS["cubic"], "renormalize")
+        self.sums = CubicSum(aperture)
 
     def forward(self, light: Tensor, slopes: Tensor) -> Tensor:
         """Refocus."""
@@ -85,8 +75,8 @@ class SeparableWiener(nn.Module):
         n_planes = slopes.shape[0]
         n_bounded = _length(torch.where(width > disparity_layers.CONFUSABLE, number(n_planes), number(1)))
         planes = slopes.narrow(0, 0, n_bounded)
-        sums, covered = self.sums(torch.cat([light, light.square()], 2), planes)
-        whole, n_channels = finished(sums, covered, None, planes), light.shape[2]
+        whole, covered = self.sums(torch.cat([light, light.square()], 2), planes)
+        n_channels = light.shape[2]
         points, squares = whole.narrow(1, 0, n_channels), whole.narrow(1, n_channels, n_channels)
         spread = (squares - points.square()).clamp(min=0).sqrt().amax(1, keepdim=True)
         is_free = (covered <= 0.999) | (width <= disparity_layers.CONFUSABLE)

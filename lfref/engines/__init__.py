@@ -1,1 +1,0 @@
-"""Engines: runtimes that compute networks in several precisions."""

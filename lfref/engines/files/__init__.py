@@ -1,1 +1,0 @@
-"""Networks as files of other runtimes, format by format."""

@@ -1,0 +1,290 @@
+"""A refocuser as a file that other programs run: ONNX, PyTorch's PT2, or weights alone as safetensors.
+
+ONNX and PT2 hold a network in float32 for pictures of any size; ONNX also separable Wiener refocusing
+(`export.separable_wiener`), which reads slopes too. Other precisions are made of the file by the tools of whatever runs
+it. Safetensors hold the weights of a network or a refiner, for `lfref.load`.
+A file gets its name once its pictures are those of the refocuser.
+Letters: `B` light fields, `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
+"""
+
+import copy
+import json
+import logging
+import math
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from lfref.errors import InputError, LfrefError, chosen
+from lfref.export.separable_wiener import SeparableWiener
+from lfref.export.sums import Aperture
+from lfref.extras import needed
+from lfref.functional.psnr import psnr
+from lfref.io import atomic, tensor_files
+from lfref.lightfield import LightField
+from lfref.nets import checkpoint
+from lfref.refocus.separable_wiener import separable_wiener
+from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, exported, load
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
+
+Axes = tuple[int | str, ...]
+"""Lengths of axes; a letter where any length will do."""
+SIZE = (2, 36, 44)
+"""Number of light fields or planes, height and width with which a graph is traced; none is a special case."""
+TOLERANCE = 1e-4
+"""Largest distance, in light, between pictures of a file and of its refocuser."""
+
+
+class Parity(NamedTuple):
+    """Distance between the pictures of a file and of its refocuser."""
+
+    max_error: float
+    """Largest distance of two samples, in light."""
+    psnr_db: float
+    """Least PSNR of a plane."""
+
+
+class Graph(NamedTuple):
+    """A refocuser as a module that can be traced, and what its file says about it."""
+
+    module: nn.Module
+    inputs: dict[str, Axes]
+    output: Axes
+    example: tuple[Tensor, ...]
+    description: dict[str, Any]
+    """Plain values from which `load.exported` makes a refocuser."""
+
+    def free_axes(self, mark: Any) -> tuple[dict[int, Any], ...]:
+        """`mark` at the place of each axis of the inputs that may have any length."""
+        return tuple(
+            {place: mark for place, axis in enumerate(axes) if isinstance(axis, str)} for axes in self.inputs.values()
+        )
+
+
+def export(refocuser: Refocuser, path: Path, fields: Sequence[LightField], slopes: Tensor) -> Parity:
+    """Write a refocuser as a file.
+
+    Args:
+        refocuser: A network with planes of its own; as ONNX also `separable_wiener`; as safetensors also a refiner.
+        path: `NAME.onnx`, `NAME.pt2` or `NAME.safetensors`.
+        fields: Light fields on which the file is tried: alone, and beside their mirror images. An operator's file
+            reads the grid of the first.
+        slopes: Planes to which an operator or a refiner is tried, in pixels per view step, [N].
+
+    Returns:
+        The largest differences between the pictures of the file and of the refocuser.
+
+    Raises:
+        InputError: The refocuser cannot be written like this.
+        LfrefError: The pictures differ by more than `TOLERANCE`; then no file is written.
+        FileError: The disk refuses.
+    """
+    write = chosen("suffix of an exported file", path.suffix, WRITERS)
+    with atomic.replacing(path) as partial:
+        parity = compared(refocuser, write(partial, refocuser, fields[0].grid), fields, slopes)
+        if not parity.max_error <= TOLERANCE:
+            expected = f"{path.name} must compute the pictures of {refocuser.name} to {TOLERANCE:g}"
+            raise LfrefError(expected, got=f"{parity.max_error:.2g}", remedy="no file was left; take another format")
+    return parity
+
+
+@torch.no_grad()
+def compared(refocuser: Refocuser, file: Refocuser, fields: Sequence[LightField], slopes: Tensor) -> Parity:
+    """Pictures of a file held against those of its refocuser; an error that is not finite is infinite."""
+    planes = slopes if refocuser.planes is None else None
+    errors, least = [0.0], math.inf
+    for field in fields:
+        for views in (field.views[None], torch.stack([field.views, field.views.flip(-1)])):
+            ours, theirs = refocuser(views, planes), file(views, planes)
+            error = float((ours - theirs).abs().max())
+            errors.append(error if math.isfinite(error) else math.inf)
+            least = min(least, float(psnr(theirs, ours).min()))
+    return Parity(max(errors), least)
+
+
+def graph_of(refocuser: Refocuser, grid: tuple[int, int]) -> Graph:
+    """The graph of a network, or of separable Wiener refocusing for views of a grid; InputError for others."""
+    if isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None and refocuser.grid is not None:
+        return _network(refocuser)
+    if isinstance(refocuser, OperatorRefocuser) and refocuser.function is separable_wiener and not refocuser.options:
+        return _separable_wiener(refocuser, grid)
+    raise InputError(
+        "a graph must be of a network with planes of its own, or of separable_wiener without options",
+        got=refocuser.name,
+        remedy=f"take method=separable_wiener, or {tensor_files.SUFFIX} for a refiner",
+    )
+
+
+def _network(refocuser: NetworkRefocuser) -> Graph:
+    network = refocuser.network
+    assert refocuser.planes is not None
+    assert refocuser.grid is not None
+    channels = int(network.config.get("channels", 3))
+    views: Axes = ("B", *refocuser.grid, channels, "H", "W")
+    example = torch.rand(SIZE[0], *refocuser.grid, channels, *SIZE[1:])
+    description = {
+        "name": refocuser.name,
+        VIEWS: views,
+        "planes": refocuser.planes.as_dict(),
+        "is_linear": refocuser.is_linear,
+    }
+    stack: Axes = ("B", len(refocuser.planes), channels, "H", "W")
+    return Graph(_with_centred_norms(copy.deepcopy(network)), {VIEWS: views}, stack, (example,), description)
+
+
+def _separable_wiener(refocuser: OperatorRefocuser, grid: tuple[int, int]) -> Graph:
+    weights = None if refocuser.aperture is None else refocuser.aperture(grid).tolist()
+    views: Axes = (*grid, "C", "H", "W")
+    example = torch.rand(*grid, 3, *SIZE[1:]), torch.tensor([-0.5, 0.0, 0.5])
+    description = {"name": refocuser.name, VIEWS: views}
+    module = SeparableWiener(Aperture(grid, weights)).eval()
+    return Graph(module, {VIEWS: views, SLOPES: ("N",)}, ("N", "C", "H", "W"), example, description)
+
+
+class Centred(nn.Module):
+    """A normalisation that first centres its input, so that the precision of its own mean does not matter.
+
+    On flat frames, the mean in runtimes that sum in float32 is off by more than the variation: pictures were off by
+    0.15 for the RefNet of 12.5 million weights in ONNX Runtime.
+    """
+
+    def __init__(self, norm: nn.InstanceNorm2d | nn.GroupNorm) -> None:
+        super().__init__()
+        self.norm = norm
+        self.n_groups = norm.num_groups if isinstance(norm, nn.GroupNorm) else norm.num_features
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Normalise."""
+        grouped = features.unflatten(1, (self.n_groups, -1))
+        result: Tensor = self.norm((grouped - grouped.mean((2, 3, 4), keepdim=True)).flatten(1, 2))
+        return result
+
+
+def _with_centred_norms(module: nn.Module) -> nn.Module:
+    """The module with every instance and group normalisation `Centred`, in place."""
+    if isinstance(module, nn.InstanceNorm2d | nn.GroupNorm):
+        return Centred(module)
+    for name, child in module.named_children():
+        setattr(module, name, _with_centred_norms(child))
+    return module
+
+
+def _write_onnx(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refocuser:
+    graph = graph_of(refocuser, grid)
+    with needed("an ONNX file"):
+        import onnx
+        import onnxruntime  # noqa: F401  runs the file below
+        import onnxscript  # noqa: F401  PyTorch's exporter needs it
+    with _quiet():
+        program = torch.onnx.export(
+            graph.module,
+            graph.example,
+            dynamo=True,
+            dynamic_shapes=graph.free_axes(torch.export.Dim.DYNAMIC),
+            verbose=False,
+            optimize=False,
+        )
+        assert program is not None
+        _simplify(program.model)
+    model = program.model_proto
+    # The exporter's notes hold stack traces with paths of this machine.
+    parts = (model.graph, *model.graph.node, *model.graph.initializer, *model.graph.value_info)
+    for part in (*parts, *model.graph.input, *model.graph.output):
+        part.ClearField("metadata_props")
+        part.ClearField("doc_string")
+    # The exporter cannot name the output itself: a value inside the graph may have that name.
+    (output,) = model.graph.output
+    names = {STACK: f"{STACK}_inside"} | {output.name: STACK}
+    for node in model.graph.node:
+        for of_node in (node.input, node.output):
+            of_node[:] = [names.get(name, name) for name in of_node]
+    for value in (*model.graph.value_info, output):
+        value.name = names.get(value.name, value.name)
+    for value, axes in zip((*model.graph.input, output), (*graph.inputs.values(), graph.output), strict=True):
+        for place, axis in zip(value.type.tensor_type.shape.dim, axes, strict=True):
+            setattr(place, "dim_param" if isinstance(axis, str) else "dim_value", axis)
+    model.producer_name = "lfref"
+    onnx.helper.set_model_props(model, {DESCRIPTION: json.dumps(graph.description)})
+    path.write_bytes(model.SerializeToString())
+    return load(path)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without warnings of exporters, which report each value that they replace."""
+    level = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.disable(level)
+
+
+def _simplify(model: Any) -> None:
+    """Compute what is constant, and remove what nothing reads, in place.
+
+    PyTorch's own optimiser also tries patterns at each operator, which takes minutes for large graphs; runtimes have
+    such patterns themselves.
+    """
+    from onnx_ir.passes import Sequential, common
+    from onnxscript import optimizer
+
+    optimizer.inline(model)
+    optimizer.fold_constants(model, onnx_shape_inference=True)
+    passes = (
+        common.IdentityEliminationPass(),
+        common.RemoveUnusedNodesPass(),
+        common.RemoveUnusedFunctionsPass(),
+        common.RemoveUnusedOpsetsPass(),
+        common.LiftConstantsToInitializersPass(lift_all_constants=True, size_limit=0),
+        common.DeduplicateInitializersPass(),
+        common.CommonSubexpressionEliminationPass(),
+        common.NameFixPass(),
+    )
+    Sequential(*passes)(model)
+
+
+def _write_pt2(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refocuser:
+    if not isinstance(refocuser, NetworkRefocuser):
+        raise InputError(".pt2 holds networks", got=refocuser.name, remedy="take .onnx")
+    graph = graph_of(refocuser, grid)
+    with torch.no_grad():
+        program = torch.export.export(
+            graph.module, graph.example, dynamic_shapes=graph.free_axes(torch.export.Dim.DYNAMIC)
+        )
+    # Guards refuse pictures that need another padding than the example, though the graph pads any.
+    program._guards_code.clear()
+    torch.export.save(program, path, extra_files={DESCRIPTION: json.dumps(graph.description)})
+    module = program.module()
+    return exported(lambda views: module(views), graph.description)
+
+
+def _write_weights(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refocuser:
+    if isinstance(refocuser, RefinedRefocuser):
+        module: nn.Module = refocuser.refiner
+        entry = refocuser.entry()
+    elif isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None:
+        module = refocuser.network
+        entry = checkpoint.payload(refocuser.network, refocuser.planes, refocuser.is_linear is not False)
+    else:
+        remedy = "take .onnx or .pt2"
+        raise InputError(f"{tensor_files.SUFFIX} holds networks and refiners", got=refocuser.name, remedy=remedy)
+    state = {checkpoint.PREFIX + name: weight for name, weight in module.state_dict().items()}
+    checkpoint.write_weights(path, {"lfref": entry, "state_dict": state}, {})
+    return load(path)
+
+
+WRITERS: dict[str, Callable[[Path, Refocuser, tuple[int, int]], Refocuser]] = {
+    ".onnx": _write_onnx,
+    ".pt2": _write_pt2,
+    tensor_files.SUFFIX: _write_weights,
+}
+"""Suffix -> function that writes a file for views of a grid, and returns it as a refocuser."""
