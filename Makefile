@@ -61,8 +61,6 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench test_scenes=[] wide=false varied=60 overwrite=true output=runs/figures/varied repeats=1
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
-	$(BIN)/lfref bench group=simulate overwrite=true output=runs/figures/simulate repeats=2
-	$(BIN)/lfref bench group=data overwrite=true output=runs/figures/data
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python docs/scale.py
 	$(BIN)/python docs/busy.py

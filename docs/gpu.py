@@ -56,7 +56,7 @@ FULL = Size(
     bench={
         # A GPU changes times, not accuracy: one scene will do.
         "front": ("test_scenes=[twigs]", "wide=false", "aliased=false", "repeats=3"),
-        **dict.fromkeys(("operators", "stability", "data", "simulate"), ()),
+        **dict.fromkeys(("operators", "stability"), ()),
     },
 )
 """On a GPU: the paper's network, crops and batches."""
@@ -74,9 +74,7 @@ TRIAL = Size(
     ),
     tests=("tests/refocus/shift/test_shift_triton.py",),
     bench={
-        "data": (*SMALL, "n_batches=2", "n_simulated=1", "n_steps=1", "patch=32", "n_stored=1"),
         "operators": SMALL,
-        "simulate": SMALL,
     },
 )
 """On a processor, to try the steps."""

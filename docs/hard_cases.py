@@ -22,16 +22,6 @@ BENIGN = ("benign", "saturated", "black prediction", "11 pixels wide", "batch of
 DECIBELS = (120, 110, 100, 50, 20 / math.log(10), 6, 3, 1, 0, -6)
 
 
-def goals() -> Iterator[str]:
-    """Every goal with the measured figures."""
-    yield "| figure | goal | measured | textbook form | holds |"
-    yield "|---|---|---|---|---|"
-    # As text, so that "nan", a figure that is not a number, differs from an empty cell.
-    table = pd.read_csv(RUN / "goals.csv", dtype=str, keep_default_na=False)
-    for row in table.rename(columns={"usual": "textbook"}).itertuples():
-        yield f"| {row.figure} | {row.goal} | {_number(row.measured)} | {_number(row.textbook)} | {row.holds} |"
-
-
 def trials() -> Iterator[str]:
     """Number of trials that hold, ours beside the textbook forms, and those of ours that do not."""
     rows = tables.read_table(RUN / "stability.csv")
@@ -76,8 +66,4 @@ def _is_shown(case: HardCase) -> bool:
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {"stability.png": picture}
-TABLES: dict[str, Callable[[], Iterator[str]]] = {"goals": goals, "trials": trials, "departures": departures}
-
-
-def _number(cell: str) -> str:
-    return cell and ("not finite" if cell == "nan" else tables.format_cell("measured", float(cell)))
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"trials": trials, "departures": departures}

@@ -18,7 +18,6 @@ import learned
 import maps
 import markers
 import one_defect
-import pandas as pd
 import prepared
 import scale
 import scene_costs
@@ -149,47 +148,20 @@ def causes() -> Iterator[str]:
 
 
 def operators() -> Iterator[str]:
-    """Time, memory and growth of every operator, from the tables of `lfref bench group=operators`."""
+    """Time and growth of every operator, from the tables of `lfref bench group=operators`."""
     facts = json.loads((RUNS / "operators" / "machine.json").read_text())
-    rows = tables.read_table(RUNS / "operators" / "operators.csv")
-    rows.insert(0, "case", rows["method"].where(rows["input"] == "float32", rows["method"] + ", uint8 views"))
-    yield from _times(rows)
-    yield ""
-    yield from _memory(rows[1:], tables.read_table(RUNS / "operators" / "exponents.csv"))
-    yield ""
-    for row in rows.dropna(subset="ratio_to_same_in_numpy").itertuples():
-        yield f"`{row.method}` is {row.ratio_to_same_in_numpy:.1f} times faster than the same in NumPy alone."
-    limits, fastest = facts["shift_and_sum_limits"], rows.set_index("case").loc["shift_and_sum"]
-    yield f"Linear shift-and-sum takes {1e3 * fastest['median_s']:.0f} ms; the machine needs at least"
-    yield f"{1e3 * limits['bytes_s']:.0f} ms to read the field and write the stack once at the rate of a copy, and"
-    yield f"{1e3 * limits['arithmetic_s']:.0f} ms for the multiply-adds at the rate of a matrix product."
+    rows, growth = (tables.read_table(RUNS / "operators" / f"{name}.csv") for name in ("operators", "exponents"))
+    powers = growth.pivot(index="method", columns="axis", values="exponent")
+    yield "| method | median (p10 to p90), s | time, in NumPy's 4-D FFTs | exponent in pixels | in views | in planes |"
+    yield "|---|---|---|---|---|---|"
+    for row in rows.join(powers, on="method").itertuples():
+        span = f"{row.median_s:.3f} ({row.p10_s:.3f} to {row.p90_s:.3f})"
+        exponents = [_number(power, ".2f") for power in (row.pixels, row.views, row.planes)]
+        yield f"| {' | '.join([row.method, span, f'{row.numpy_ffts:.3f}', *exponents])} |"
     yield ""
     yield f"One simulated light field, {facts['views']}, {facts['planes']} planes; {facts['processor']},"
     yield f"{facts['threads']} threads, torch {facts['torch']}, NumPy {facts['numpy']}, Numba {facts['numba']},"
     yield f"{facts['repeats']} rounds."
-
-
-def data_rates() -> Iterator[str]:
-    """Crops per second and waits, from the tables of `lfref bench group=data`."""
-    facts = json.loads((RUNS / "data" / "machine.json").read_text())
-    rates, waits = (tables.read_table(RUNS / "data" / f"{name}.csv") for name in ("rates", "waits"))
-    yield "| crops a second | labels by | no worker | 1 worker | 2 workers |"
-    yield "|---|---|---|---|---|"
-    for (source, label, place), rows in rates.groupby(["source", "label", "labels_on"], sort=False):
-        by_workers = rows.set_index("workers")["crops_per_s"].reindex([0, 1, 2])
-        name = f"{source}, {label}" if label != "none" else f"{source}, as they are"
-        cells = [name, place if label != "none" else "", *(_number(value, ".1f") for value in by_workers)]
-        yield f"| {' | '.join(cells)} |"
-    yield ""
-    yield "| a step waits | workers | step, s | share | device 10 times faster | 100 times |"
-    yield "|---|---|---|---|---|---|"
-    for row in waits.itertuples():
-        shares = (f"{100 * share:.0f} %" for share in (row.wait_share, row.wait_share_10x, row.wait_share_100x))
-        yield f"| {row.label} | {row.workers} | {row.step_s:.2f} | {' | '.join(shares)} |"
-    yield ""
-    yield f"Crops of {facts['patch']} pixels of 7x7 views, 8 bits, the paper's planes; a step of `refnet_small` takes"
-    yield f"{facts['patches_per_field']} crops. Faster devices: arithmetic, from the crops a second. {facts['threads']}"
-    yield f"threads, {facts['processor']}, torch {facts['torch']}. `lfref bench group=data`"
 
 
 def patch_labels() -> Iterator[str]:
@@ -214,7 +186,6 @@ FIGURES = {
     "causes": causes,
     "wide": wide,
     "operators": operators,
-    "data_rates": data_rates,
     "patch_labels": patch_labels,
     "explanation": simulator_pictures.explanation,
     **against_mitsuba.TABLES,
@@ -230,25 +201,6 @@ FIGURES = {
     **scene_costs.TABLES,
     **training_speed.TABLES,
 }
-
-
-def _times(rows: pd.DataFrame) -> Iterator[str]:
-    yield "| method | first call, s | median (p10 to p90), s | time, in NumPy's 4-D FFTs | PSNR, dB | error |"
-    yield "|---|---|---|---|---|---|"
-    for row in rows.itertuples():
-        span = f"{row.median_s:.3f} ({row.p10_s:.3f} to {row.p90_s:.3f})"
-        cells = [row.case, _number(row.first_call_s, ".2f"), span, f"{row.numpy_ffts:.3f}"]
-        yield f"| {' | '.join([*cells, _number(row.psnr_db, '.1f'), _number(row.max_error, '.1e')])} |"
-
-
-def _memory(rows: pd.DataFrame, growth: pd.DataFrame) -> Iterator[str]:
-    powers = growth.pivot(index="method", columns="axis", values="exponent")
-    yield "| method | memory beside the views, MB | peak / allowed | exponent in pixels | in views | in planes |"
-    yield "|---|---|---|---|---|---|"
-    for row in rows.drop(columns="planes").join(powers, on="case").itertuples():
-        exponents = [_number(power, ".2f") for power in (row.pixels, row.views, row.planes)]
-        cells = [row.case, _number(row.extra_bytes / 1e6, ".0f"), _number(row.memory_ratio, ".2f"), *exponents]
-        yield f"| {' | '.join(cells)} |"
 
 
 def _number(value: float, form: str) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import experiments
 import markers
+import numpy_baselines
 import pandas as pd
 import torch
 from experiments import CLASSICAL, PLANES
@@ -19,7 +20,7 @@ from hydra import compose, initialize_config_dir
 from torch import Tensor
 
 import lfref
-from lfref.bench import numpy_baselines, timing
+from lfref.bench import timing
 from lfref.bench.accuracy import RIVAL
 from lfref.cli import config as configs
 from lfref.io import write

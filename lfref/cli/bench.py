@@ -6,7 +6,6 @@ What the groups share comes first: rounds, light fields, scenes, facts of the ma
 import dataclasses
 import itertools
 import json
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -16,30 +15,19 @@ import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
-from lfref.bench import (
-    accuracy,
-    data_rates,
-    error_causes,
-    evaluation,
-    operator_costs,
-    simulation_cost,
-    timing,
-)
-from lfref.bench.accuracy import Row
-from lfref.bench.data_rates import SIMULATED, STORED, LoadingBench
-from lfref.bench.error_causes import CauseSettings
+from lfref.bench import accuracy, causes, costs, evaluation, timing
+from lfref.bench.causes import CauseSettings
+from lfref.bench.costs import Scales, Size
 from lfref.bench.evaluation import CORRECTIONS, EvaluationCase
-from lfref.bench.operator_costs import MethodCase, Scales, Size
 from lfref.bench.stability import components as stability_components
-from lfref.bench.stability import goals, trials
+from lfref.bench.stability import trials
 from lfref.bench.stability.trials import Component
 from lfref.captures.correct import correct_by_option
 from lfref.cli import config as configs
 from lfref.cli import steps
-from lfref.cli.command import command, device_of, log, paths, progress, quiet_libraries
+from lfref.cli.command import command, device_of, log, paths, progress
 from lfref.cli.steps import fixed_planes
 from lfref.data.field_sources import SimulatedSource
-from lfref.data.label_sources import Labels
 from lfref.errors import InputError, chosen, counted
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
@@ -62,8 +50,7 @@ from lfref.report import (
 from lfref.report.answers import Answer
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
-from lfref.simulator.scenes import RandomScenes, Scenes
-from lfref.train.modules import Refocusing
+from lfref.simulator.scenes import RandomScenes
 
 
 class Rounds(NamedTuple):
@@ -130,7 +117,7 @@ def write_facts(
 # Group `causes`: the cost of each cause of error, and the gain of each remedy.
 
 
-def causes(config: DictConfig, folder: Path) -> None:
+def error_causes(config: DictConfig, folder: Path) -> None:
     """Write `causes.csv`, `causes_by_plane.csv`, `causes_by_scene.csv`, `machine.json` and `causes.png`."""
     device, margin = device_of(config.device), int(configs.number(config, "margin", 0))
     grids = tuple(whole_numbers(config, "grids", 1))
@@ -138,11 +125,9 @@ def causes(config: DictConfig, folder: Path) -> None:
     remedies = list(steps.parts_of(config.remedies).values())
     name_apart(remedies)
     scenes = test_scenes(config.test_scenes, "1")
-    measured = pd.DataFrame(
-        error_causes.rows(progress(list(scenes.values()), "measuring error causes"), remedies, plan)
-    )
-    by_plane = error_causes.summary(measured, "alpha", "slope")
-    written = {"causes": error_causes.summary(measured), "causes_by_plane": by_plane, "causes_by_scene": measured}
+    measured = pd.DataFrame(causes.rows(progress(list(scenes.values()), "measuring error causes"), remedies, plan))
+    by_plane = causes.summary(measured, "alpha", "slope")
+    written = {"causes": causes.summary(measured), "causes_by_plane": by_plane, "causes_by_scene": measured}
     for name, table in written.items():
         tables.write_table(folder / f"{name}.csv", table)
     drawing.save_figure(bench_plots.error_causes(by_plane), folder / "causes.png")
@@ -155,7 +140,6 @@ def causes(config: DictConfig, folder: Path) -> None:
 
 HELD_OUT = 2_000_003
 """Seed of the scenes drawn at random."""
-TIMES = ["median_s", "p10_s", "p90_s", "numpy_ffts"]
 
 
 def front(config: DictConfig, folder: Path) -> None:
@@ -176,9 +160,8 @@ def front(config: DictConfig, folder: Path) -> None:
         cases = progress(captures, f"evaluating against {captures[0].reference_name}")
         fields = [case.light for case in captures]
     evaluated = pd.DataFrame(evaluation.evaluate(cases, methods, planes, margin))
-    timed = [MethodCase(method, field) for field in fields for method in methods]
-    times = operator_costs.times(timed, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
-    bench = times[TIMES].reset_index().drop(columns="input").merge(evaluation.by_class(evaluated), "left", "method")
+    times = costs.times(methods, fields, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
+    bench = times.merge(evaluation.by_class(evaluated), "left", "method")
     bench["is_network"] = bench["method"].isin([method.name for method in methods if method.is_network])
     by_plane, scenes = evaluation.by_plane(evaluated), evaluation.by_scene(evaluated)
     written = {"bench": bench, "scenes": scenes, "planes": by_plane, "evaluation": evaluated}
@@ -291,103 +274,23 @@ def time_operators(config: DictConfig, folder: Path) -> None:
     scale_rounds = configured_rounds(config, "scale_repeats")
     planes = fixed_planes(config)
     scales: Scales = configs.build(config.scales)
-    in_numpy: dict[str, str] = configs.plain(config.in_numpy)
     fields = light_fields(config)
     if len(fields) != 1:
         raise InputError("this group measures one light field", got=len(fields), remedy="give input=LIGHT_FIELD")
     field = fields[0].to(device)
     sizes = scales.sizes(Size(field.grid, field.size, len(planes)))
-    cases = list(_cases(config, field, set(in_numpy.values())))
-    first = operator_costs.first_calls(progress(cases, "first calls"), planes.slopes)
+    methods = list(steps.parts_of(config.methods).values())
     counting = progress(rounds.all, "measuring rounds")
-    times = operator_costs.times(cases, planes.slopes, counting, rounds.warmup, in_numpy)
-    peaks = operator_costs.peaks(progress(cases, "measuring memory"), planes.slopes)
-    operators = operator_costs.operators_table(cases, len(planes), first, times, peaks)
-    methods = {case.method.name: case.method for case in cases if case.method.name not in in_numpy.values()}
-    timed = progress(list(methods.values()), "measuring growth")
-    growth = operator_costs.growth_times(timed, sizes, field.views.shape[2], device, *scale_rounds)
-    exponents = operator_costs.growth_exponents(growth)
+    operators = costs.times(methods, [field], planes.slopes, counting, rounds.warmup)
+    growing = progress(methods, "measuring growth")
+    growth = costs.growth_times(growing, sizes, field.views.shape[2], device, *scale_rounds)
+    exponents = costs.growth_exponents(growth)
     for name, table in {"operators": operators, "scaling": growth, "exponents": exponents}.items():
         tables.write_table(folder / f"{name}.csv", table)
     drawing.save_figure(bench_plots.operator_costs(operators), folder / "operators.png")
     drawing.save_figure(bench_plots.growth(growth, exponents), folder / "scaling.png")
-    limits = operator_costs.shift_and_sum_limits(field.views, len(planes))
-    write_facts(folder, device, [field], planes, rounds.counted, shift_and_sum_limits=limits._asdict())
-    log.info("%s on %s: %s", counted(len(cases), "operator"), field.name, folder / "operators.csv")
-
-
-def _cases(config: DictConfig, field: LightField, on_cpu: set[str]) -> Iterator[MethodCase]:
-    """Every method on the views, and on integer views if the configuration names it; without sample weights."""
-    for method in steps.parts_of(config.methods).values():
-        views = field.views.cpu() if method.name in on_cpu else field.views
-        has_reference = method.name not in config.other_planes
-        yield MethodCase(method, views, has_reference)
-        if method.name in config.integer_input:
-            yield MethodCase(method, (255 * views).round().clamp(0, 255).byte(), has_reference)
-
-
-# Group `simulate`: time of the simulator by scene and pass, and accuracy of refocused views against the truth.
-
-
-def simulate(config: DictConfig, folder: Path) -> None:
-    """Write `simulate.csv`, `passes.csv`, `rates.csv`, `truth.csv`, `alphas.csv` and their picture."""
-    device, rounds = device_of(config.device), configured_rounds(config)
-    planes = fixed_planes(config)
-    classes, scenes = test_scenes(config.classes, "1"), test_scenes(config.test_scenes, "1")
-    patches: Scenes = configs.build(config.patches)
-    n_patches = int(configs.number(config, "n_patches", 1))
-    n_workers = torch.get_num_threads() if device.type == "cpu" else 0
-    methods = list(steps.parts_of(config.methods).values())
-    costs = simulation_cost.costs(
-        classes, planes.slopes, device, progress(rounds.all, "measuring rounds"), rounds.warmup
-    )
-    distances = simulation_cost.distances(progress(list(scenes.items()), "photographing"), methods, planes, device)
-    by_plane = simulation_cost.by_plane(distances)
-    written = {
-        "simulate": costs,
-        "passes": simulation_cost.passes(classes, planes.slopes, device),
-        "rates": simulation_cost.rates(patches, n_patches, planes.slopes, device, n_workers),
-        "truth": distances,
-        "alphas": by_plane,
-    }
-    if config.n_points is not None:
-        n_points, shown = int(configs.number(config, "n_points", 1)), progress(list(scenes.items()), "brute force")
-        written["aperture"] = simulation_cost.aperture_errors(shown, planes, n_points, device)
-    for name, rows in written.items():
-        tables.write_table(folder / f"{name}.csv", rows)
-    drawing.save_figure(bench_plots.simulation(pd.DataFrame(costs), by_plane), folder / "simulate.png")
-    write_facts(folder, device, [], planes, rounds.counted, sim30=sim30.VERSION)
-    n_classes = counted(len(classes), "class of scenes", "classes of scenes")
-    log.info("%s, %s for accuracy: %s", n_classes, counted(len(scenes), "scene"), folder / "simulate.csv")
-
-
-# Group `data`: crops per second by source, label and workers, and how long the steps of a training wait for them.
-
-
-def data(config: DictConfig, folder: Path) -> None:
-    """Write `rates.csv`, `waits.csv`, `machine.json` and `data.png`."""
-    quiet_libraries()
-    device, planes = device_of(config.device), fixed_planes(config)
-    names = "patch", "patches_per_field", "n_batches", "n_simulated", "n_steps"
-    sizes = {name: int(configs.number(config, name, 1)) for name in names}
-    labels: dict[str, Labels] = steps.parts_of(config.labels)
-    scenes: SimulatedSource = configs.build(config.source, n_fields=int(configs.number(config, "n_stored", 1)))
-    loadings = list(data_rates.loadings(labels, whole_numbers(config, "workers", 0)))
-    with tempfile.TemporaryDirectory(dir=folder) as place:
-        sources = {STORED: data_rates.store(scenes, Path(place)), SIMULATED: scenes}
-        bench = LoadingBench(sources, labels, device, **sizes)
-        rates = pd.DataFrame([bench.rate(loading) for loading in progress(loadings, "loading crops")])
-        waits = []
-        for loading in progress([each for each in loadings if bench.is_trained(each)], "training"):
-            torch.manual_seed(0)
-            net, loss, optimizer = (configs.build(config[part]) for part in ("net", "loss", "optimizer"))
-            waits.append(bench.wait(loading, Refocusing(net, loss, planes, optimizer), folder))
-    table = data_rates.with_faster_devices(pd.DataFrame(waits), rates, sizes["patches_per_field"])
-    for name, rows in {"rates": rates, "waits": table}.items():
-        tables.write_table(folder / f"{name}.csv", rows)
-    drawing.save_figure(bench_plots.data_rates(rates, table), folder / "data.png")
-    write_facts(folder, device, [], planes, sizes["n_batches"], **sizes, network=net.name)
-    log.info("%s: %s", counted(len(rates), "way of loading", "ways of loading"), folder / "rates.csv")
+    write_facts(folder, device, [field], planes, rounds.counted)
+    log.info("%s on %s: %s", counted(len(methods), "operator"), field.name, folder / "operators.csv")
 
 
 # Group `stability`: all hard cases on every component in every precision, beside textbook forms.
@@ -404,21 +307,17 @@ SHOWN = ("1 - SSIM", "1 / PSNR", "loss", "PSNR")
 
 
 def stability(config: DictConfig, folder: Path) -> None:
-    """Write `stability.csv`, `goals.csv` (all parts only), `stability.png`, `machine.json` and `index.html`."""
+    """Write `stability.csv`, `stability.png`, `machine.json` and `index.html`."""
     parts = list(configs.plain(config.parts))
     if not parts:
         raise InputError(f"parts must be some of {', '.join(PARTS)}", got="none")
     components = [component for part in parts for component in chosen("parts", part, PARTS)()]
-    # Inputs are small: threads would cost more than they give.
-    with goals.threads(1):
-        rows: list[Row] = list(trials.run_trials(progress(components, "trying hard cases")))
-        rows += stability_components.simulator_rows() if "simulator" in parts else []
-        tables.write_table(folder / "stability.csv", rows)
-        if set(parts) == set(PARTS):
-            figures = progress(goals.goals(components, rows), "measuring goals")
-            # NaN is written as nan: an empty cell means that there is no figure.
-            measured = pd.DataFrame([goal.row() for goal in figures], dtype=object)
-            tables.write_table(folder / "goals.csv", measured.map(lambda cell: "nan" if cell != cell else cell))
+    n_threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # inputs are small: threads would cost more than they give
+    rows = list(trials.run_trials(progress(components, "trying hard cases")))
+    rows += stability_components.simulator_rows() if "simulator" in parts else []
+    torch.set_num_threads(n_threads)
+    tables.write_table(folder / "stability.csv", rows)
     n_held = sum(row["holds"] == "yes" for row in rows if row["formulation"] == trials.OURS)
     facts = timing.facts(torch.device("cpu"))
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
@@ -430,10 +329,8 @@ def stability(config: DictConfig, folder: Path) -> None:
 
 GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
     "front": front,
-    "causes": causes,
+    "causes": error_causes,
     "operators": time_operators,
-    "simulate": simulate,
-    "data": data,
     "stability": stability,
 }
 """Name of a group -> its function; its options are in `conf/group/NAME.yaml`."""

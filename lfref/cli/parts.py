@@ -30,7 +30,6 @@ EFFECTS = (
 
 TABLE: dict[str, tuple[str, ...]] = {
     "operators": (
-        "lfref.bench.numpy_baselines.fourier_slice_numpy",
         "lfref.refocus.surface.tilt_shift",
         "lfref.refocus.fourier.exact.exact_fourier",
         "lfref.refocus.fourier.focal_stack_transform.at_slopes",
@@ -86,7 +85,7 @@ TABLE: dict[str, tuple[str, ...]] = {
         *(f"lfref.simulator.effects.{effect}" for effect in (*EFFECTS, "sensor.Sensor")),
         "lfref.simulator.scenes.RandomSensor",
     ),
-    "measurements": ("lfref.bench.operator_costs.Scales",),
+    "measurements": ("lfref.bench.costs.Scales",),
     "trainers": ("lightning.pytorch.Trainer",),
     "callbacks": tuple(f"lfref.train.callbacks.{name}" for name in CALLBACKS),
     "loggers": ("lfref.train.callbacks.CSVLogger", "lfref.cli.wandb_runs.WandbLogger"),
@@ -207,7 +206,7 @@ MOVED = {
     "lfref.refocus.shift.through_cells.shift_and_sum_through_cells": (
         "lfref.refocus.shift.shift_and_sum.shift_and_sum_through_cells"
     ),
-    "lfref.bench.scaling.Scales": "lfref.bench.operator_costs.Scales",
+    "lfref.bench.scaling.Scales": "lfref.bench.costs.Scales",
     "lfref.refocuser.operators.OperatorRefocuser": "lfref.refocuser.refocuser.OperatorRefocuser",
     "lfref.refocuser.operators.coplanar_homography": "lfref.refocuser.refocuser.coplanar_homography",
     "lfref.refocuser.operators.even_stack": "lfref.refocuser.refocuser.even_stack",

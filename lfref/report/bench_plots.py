@@ -4,7 +4,7 @@ A missing column, or a table without numbers, raises an `InputError` that names 
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 import numpy as np
 import pandas as pd
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from lfref.report import drawing, tables
-from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, ORANGE, PALE, RED, TEAL, new_figure, style_axes
+from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, PALE, RED, new_figure, style_axes
 
 
 def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = None) -> Figure:
@@ -54,36 +54,28 @@ def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = N
 
 
 def operator_costs(operators: pd.DataFrame) -> Figure:
-    """Time and peak memory of every method, one line each, the fastest at the top.
+    """Time of every method, one line each, the fastest at the top.
 
     Args:
-        operators: Columns `method`, `input`, `median_s`, `p10_s`, `p90_s`, `numpy_ffts`, `memory_ratio`.
+        operators: Columns `method`, `median_s`, `p10_s`, `p90_s`, `numpy_ffts`.
     """
-    tables.require(operators, "method", "input", "memory_ratio")
+    tables.require(operators, "method")
     timed = tables.require_numbers(operators, "median_s", "p10_s", "p90_s", "numpy_ffts")
     rows = timed.sort_values("numpy_ffts", ascending=False, kind="stable").reset_index(drop=True)
-    figure = new_figure(9, 1.2 + 0.32 * len(rows))
-    time, memory = figure.subplots(1, 2, sharey=True, width_ratios=(1.4, 1))
-    kinds = np.where(rows["input"] == "float32", "", " (" + rows["input"] + ")")
-    time.set_yticks(rows.index, (rows["method"] + kinds).str.replace("$", r"\$"))
-
+    figure = new_figure(7, 1.2 + 0.32 * len(rows))
+    axes = figure.subplots()
+    axes.set_yticks(rows.index, rows["method"].str.replace("$", r"\$"))
     units = rows["numpy_ffts"]
     fft_s = rows["median_s"] / units
-    time.set_xscale("log")
-    time.axvline(1, color=RED, linestyle="--", linewidth=1.2)
-    time.hlines(rows.index, rows["p10_s"] / fft_s, rows["p90_s"] / fft_s, color=BLUE, lw=1.2, alpha=0.6)
-    time.plot(units, rows.index, "o", color=BLUE, markersize=6)
+    axes.set_xscale("log")
+    axes.axvline(1, color=RED, linestyle="--", linewidth=1.2)
+    axes.hlines(rows.index, rows["p10_s"] / fft_s, rows["p90_s"] / fft_s, color=BLUE, lw=1.2, alpha=0.6)
+    axes.plot(units, rows.index, "o", color=BLUE, markersize=6)
     low, high = math.log10(min(units.min(), 1)), math.log10(max(units.max(), 1))
     margin = max(0.1 * (high - low), 0.1)
-    time.set_xlim(10 ** (low - margin), 10 ** (high + margin))
-    _label_log_axis(time, (1, 2, 5) if high - low < 2 else (1, 3))
-    style_axes(time, "Time, in NumPy's 4-D FFTs (log scale)", "", "Time: to the left is better")
-
-    shares = tables.with_numbers(rows, "memory_ratio")["memory_ratio"]
-    memory.axvline(1, color=RED, linestyle="--", linewidth=1.2)
-    memory.barh(shares.index, shares, height=0.5, color=[TEAL if share <= 1 else ORANGE for share in shares])
-    memory.set_axisbelow(True)
-    style_axes(memory, "Peak / (twice the field + the stack)", "", "Memory: to the left is better")
+    axes.set_xlim(10 ** (low - margin), 10 ** (high + margin))
+    _label_log_axis(axes, (1, 2, 5) if high - low < 2 else (1, 3))
+    style_axes(axes, "Time, in NumPy's 4-D FFTs (log scale)", "", "Time: to the left is better")
     return figure
 
 
@@ -138,84 +130,4 @@ def growth(times: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     figure.supylabel("Time, fastest run", fontsize=9)
     handles = {line.get_label(): line for axes in grid.flat for line in axes.get_lines() if line.get_marker() != "None"}
     figure.legend(handles=[*handles.values()], loc="outside upper left", ncols=3, frameon=False, fontsize=9)
-    return figure
-
-
-def data_rates(rates: pd.DataFrame, waits: pd.DataFrame) -> Figure:
-    """Crops per second of each way of loading, and the share of each step that a training waits.
-
-    Args:
-        rates: Columns `source`, `label`, `labels_on`, `workers`, `crops_per_s`.
-        waits: Columns `label`, `labels_on`, `workers`, `wait_share`.
-    """
-    tables.require(rates, "source", "label", "labels_on", "workers", "crops_per_s")
-    tables.require(waits, "label", "labels_on", "workers", "wait_share")
-    ways = rates.assign(way=rates["source"] + ", " + rates["label"] + " by the " + rates["labels_on"])
-    loading = {
-        way: (rows["workers"], rows["crops_per_s"], {"markersize": 4}) for way, rows in ways.groupby("way", sort=False)
-    }
-    waiting = {
-        f"{label} by the {place}": (rows["workers"], 100 * rows["wait_share"], {"markersize": 4})
-        for (label, place), rows in waits.groupby(["label", "labels_on"], sort=False)
-    }
-    heights = [drawing.curves_height(len(curves)) for curves in (loading, waiting)]
-    figure = new_figure(9, sum(heights))
-    upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
-    panels = drawing.draw_curves(
-        upper, _coloured(loading), "Workers", "Crops per second (log scale)", "Ready for the network"
-    )
-    for axes in panels:
-        axes.set_yscale("log")
-    panels += drawing.draw_curves(lower, _coloured(waiting), "Workers", "Share of a step, %", "Waiting for a batch")
-    for axes in panels:
-        axes.set_xticks(sorted(rates["workers"].unique()))
-        if any(not str(line.get_label()).startswith("_") for line in axes.get_lines()):
-            # The legend is beside the panel, since lines cross all of the panel.
-            axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
-    return figure
-
-
-def _coloured(curves: Mapping[str, drawing.Curve]) -> dict[str, drawing.Curve]:
-    """The curves, each with a colour and a marker of its own."""
-    return {
-        name: (xs, ys, style | drawing.series_style(index))
-        for index, (name, (xs, ys, style)) in enumerate(curves.items())
-    }
-
-
-def simulation(costs: pd.DataFrame, planes: pd.DataFrame) -> Figure:
-    """Forced over planned time of each class of scenes, and PSNR of refocused views against the truth by plane.
-
-    Args:
-        costs: Columns `scene`, `output`, `forced_over_planned`.
-        planes: Columns `method`, `alpha`, `slope`, `mean_db`, `worst_db`.
-    """
-    tables.require(costs, "scene", "output", "forced_over_planned")
-    tables.require(planes, "method", "alpha", "slope", "mean_db", "worst_db")
-    scenes = costs["scene"].unique().tolist()[::-1]
-    place, curves = tables.plane_axis(planes), dict[str, drawing.Curve]()
-    for index, (method, rows) in enumerate(planes.groupby("method", sort=False)):
-        style = {"color": drawing.series_style(index)["color"], "marker": "o", "markersize": 3}
-        curves[f"{method}, mean"] = rows[place], rows["mean_db"], style
-        curves[f"{method}, worst scene"] = rows[place], rows["worst_db"], style | {"linestyle": ":"}
-    heights = [1.5 + 0.3 * max(8, len(scenes)), drawing.curves_height(len(curves))]
-    is_split = len(curves) > drawing.MOST_LINES
-    figure = new_figure(10, sum(heights) if is_split else heights[0])
-    sizes = {"nrows": 2, "height_ratios": heights} if is_split else {"ncols": 2}
-    first, second = figure.subfigures(squeeze=False, **sizes).flat
-    left = first.subplots()
-    left.set_yticks(range(len(scenes)), scenes)
-    for output, colour in {"views": BLUE, "truth": ORANGE}.items():
-        rows = costs[costs["output"] == output]
-        left.plot(rows["forced_over_planned"], rows["scene"].map(scenes.index), "o", color=colour, label=output)
-    left.set_xscale("log")
-    _label_log_axis(left, (1, 3))
-    left.axvline(1, color=RED, linestyle="--", linewidth=1)
-    style_axes(left, "Forced / planned time (log scale)", "", "Time saved by planning")
-    left.legend(frameon=False, fontsize=8)
-
-    panels = drawing.draw_curves(second, curves, tables.heading(place), "PSNR, dB", "Refocused views against the truth")
-    if len(panels) == 1:
-        # The legend is below the panel, since lines cross all of the panel.
-        panels[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.12))
     return figure

@@ -38,10 +38,6 @@ EXPLAINED = (
     "Explained is the share of the squared error of mean_of_views, no refocusing at all, that a method takes away, "
     "without slope 0, where a sum of views is that mean: near focus up to slope 0.5, wide blur from 3. "
 )
-OPERATOR_COLUMNS = [
-    "method", "input", "first_call_s", "median_s", "p10_s", "p90_s", "numpy_ffts", "ratio_to_same_in_numpy",
-    "psnr_db", "max_error", "extra_bytes", "memory_ratio",
-]  # fmt: skip
 
 
 def sections(folders: Sequence[Path], options: sweeps.Options = AS_USUAL) -> list[Section]:
@@ -236,62 +232,24 @@ def error_causes(folder: Path) -> Section:
 
 
 def operators(folder: Path) -> Section:
-    """Time and memory of operators, and growth of time, of `lfref bench group=operators`."""
+    """Time of operators, and its growth, of `lfref bench group=operators`."""
     rows, times, exponents = (
         tables.read_table(folder / f"{name}.csv") for name in ("operators", "scaling", "exponents")
     )
-    tables.require(rows, *OPERATOR_COLUMNS)
     text = (
         "One call for the whole stack of one light field. The unit of time is NumPy's 4-D FFT of the three channels "
-        "in the same run. Memory is that of the views and of all that a call allocates, the stack included, as a share "
-        "of its budget: twice the field in float32 and the stack. Errors are against exact Fourier refocusing, where "
-        "every view covers every plane."
+        "in the same run."
     )
     figures = {
-        "Speed and memory": bench_plots.operator_costs(rows),
+        "Speed": bench_plots.operator_costs(rows),
         "Growth of time, and its exponents": bench_plots.growth(times, exponents),
     }
     by_axis = exponents.pivot_table("exponent", "method", "axis", sort=False).add_prefix("exponent_").reset_index()
-    listed = {"All figures": rows[OPERATOR_COLUMNS], "Exponents of time along each axis": by_axis}
+    listed = {"All figures": rows, "Exponents of time along each axis": by_axis}
     timed = tables.require_numbers(rows[rows["method"] != FFT], "numpy_ffts").sort_values("numpy_ffts")
-    measured = tables.with_numbers(timed, "memory_ratio")
     (fast, slow), (least, most) = (timed[name].iloc[[0, -1]] for name in ("method", "numpy_ffts"))
-    answer = f"The fastest method, {fast}, takes {least:.2g} units of time, the slowest, {slow}, {most:.2g}; "
-    answer += f"{(measured['memory_ratio'] <= 1).sum()} of {len(measured)} keep to the budget of memory."
+    answer = f"The fastest method, {fast}, takes {least:.2g} units of time, the slowest, {slow}, {most:.2g}."
     return Section("Costs of operators", text, figures, listed, answer=answer)
-
-
-def simulation(folder: Path) -> Section:
-    """Time of the simulator, and refocused views against its truth, of `lfref bench group=simulate`."""
-    costs, planes = (tables.read_table(folder / f"{name}.csv") for name in ("simulate", "alphas"))
-    text = (
-        "A planned simulation runs only the passes that change a result, a forced one runs all. Refocused views are "
-        "compared with the truth, the picture of a lens, where every view covers every pixel."
-    )
-    figures = {"Time and accuracy": bench_plots.simulation(costs, planes)}
-    saved = costs.loc[tables.require_numbers(costs, "forced_over_planned")["forced_over_planned"].idxmax()]
-    answer = f"Planning saves most time on the {saved['output']} of {saved['scene']}: a simulation of all passes takes "
-    answer += f"{saved['forced_over_planned']:.3g} times as long."
-    listed = {"Time by scene": costs, "Accuracy by plane": planes}
-    return Section("Simulator", text, figures, listed, answer=answer)
-
-
-def data_rates(folder: Path) -> Section:
-    """Crops per second and waits of a training, of `lfref bench group=data`."""
-    rates, waits = (tables.read_table(folder / f"{name}.csv") for name in ("rates", "waits"))
-    text = (
-        "Crops that are ready for the network, by who prepares them, and the share of a step of training that waits "
-        "for the next batch. What a faster device would wait is arithmetic, from the crops per second."
-    )
-    figures = {"Crops and waits": bench_plots.data_rates(rates, waits)}
-    most = rates.loc[tables.require_numbers(rates, "crops_per_s")["crops_per_s"].idxmax()]
-    least = waits.loc[tables.require_numbers(waits, "wait_share")["wait_share"].idxmin()]
-    answer = (
-        f"Most crops per second, {most['crops_per_s']:.3g}, come from {most['source']} fields by {most['workers']:.0f} "
-        f"workers, with labels of {most['label']} by the {most['labels_on']}; at best a training waits "
-        f"{100 * least['wait_share']:.2g} % of a step."
-    )
-    return Section("Data", text, figures, {"Crops per second": rates, "Waits": waits}, answer=answer)
 
 
 MAKERS: dict[str, Callable[[Path], Section]] = {
@@ -301,9 +259,6 @@ MAKERS: dict[str, Callable[[Path], Section]] = {
     "bench.csv": benchmark,
     "causes.csv": error_causes,
     "operators.csv": operators,
-    "simulate.csv": simulation,
-    "waits.csv": data_rates,
-    "goals.csv": stability_table.goals,
     "stability.csv": stability_table.hard_cases,
     SHEETS[0]: refocusing,
     SHEETS[1]: refocusing,

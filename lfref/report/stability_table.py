@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from lfref.report import tables
-from lfref.report.drawing import BLACK, CYAN, GREY, MAGENTA, ORANGE, PALE, RED, TEAL, new_figure
+from lfref.report.drawing import BLACK, CYAN, GREY, MAGENTA, ORANGE, RED, TEAL, new_figure
 from lfref.report.page import Section
 
 COLUMNS = ("component", "case", "precision", "formulation", "times_allowed", "outcome", "holds")
@@ -26,7 +26,6 @@ OUTCOMES = {
     "hidden": (MAGENTA, "finite where the input is not"),
     "refused": (CYAN, "refused, as allowed"),
     "error": (GREY, "fails with an error"),
-    "missing": (PALE, "not installed"),
 }
 """Outcome of a trial -> colour and meaning."""
 WORST = 6
@@ -63,23 +62,11 @@ def heat_map(trials: pd.DataFrame) -> Figure:
 def heat_maps(trials: pd.DataFrame) -> dict[str, Figure]:
     """Caption -> heat map of components with the same cases, at most `WIDEST` columns each."""
     tables.require(trials, *COLUMNS)
-    panels = dict(list(trials[trials["outcome"] != "missing"].groupby("component", sort=False)))
+    panels = dict(list(trials.groupby("component", sort=False)))
     return {
         " to ".join(dict.fromkeys((names[0], names[-1]))): heat_map(pd.concat([panels[name] for name in names]))
         for names in _groups(panels)
     }
-
-
-def goals(folder: Path) -> Section:
-    """Acceptance goals and the measured figures, of `lfref bench group=stability`."""
-    rows = tables.read_table(folder / "goals.csv")
-    tables.require(rows, "holds")
-    text = (
-        "The textbook form is measured in the same way where there is one: torchmetrics for SSIM, the paper's formula "
-        "as it stands for the loss."
-    )
-    answer = f"{(rows['holds'] == 'yes').sum()} of {len(rows)} goals hold."
-    return Section("Acceptance goals", text, tables={"Goals": rows}, answer=answer)
 
 
 def hard_cases(folder: Path) -> Section:

@@ -155,12 +155,6 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "p10_s": ("P10 (ms)", _milliseconds),
     "p90_s": ("P90 (ms)", _milliseconds),
     "numpy_ffts": ("Time (NumPy 4-D FFTs)", _short),
-    "ratio_to_same_in_numpy": ("Speed-up over its NumPy twin", _times),
-    "first_call_s": ("First call (s)", _short),
-    "input": ("Input", str),
-    "max_error": ("Largest error", "{:.1e}".format),
-    "extra_bytes": ("Extra memory (MB)", _megabytes),
-    "memory_ratio": ("Peak / allowed memory", "{:.2f}".format),
     "scene": ("Scene", str),
     "cause": ("Cause", str),
     "is_base": ("Base method", _plain),
@@ -168,21 +162,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "cost_db": ("Cost (dB)", "{:.2f}".format),
     "alone_db": ("PSNR with this error alone (dB)", _decibel),
     "won_db": ("Won back (dB)", "{:.2f}".format),
-    "network": ("Network", str),
-    "engine": ("Engine", str),
-    "start_s": ("Start (s)", _short),
     "min_s": ("Fastest (ms)", _milliseconds),
-    "ratio_to_eager": ("Speed-up over eager fp32", _times),
-    "loss_db": ("Lost (dB)", "{:.3f}".format),
-    "agreement_db": ("PSNR against eager fp32 (dB)", _decibel),
-    "skipped": ("Skipped because", str),
-    "output": ("Output", str),
-    "planned_s": ("Planned (s)", _short),
-    "forced_s": ("Forced (s)", _short),
-    "forced_over_planned": ("Forced / planned", _times),
-    "mean_db": ("Mean PSNR (dB)", _decibel),
-    "median_db": ("Median PSNR (dB)", _decibel),
-    "worst_db": ("Worst scene (dB)", _decibel),
     "component": ("Component", str),
     "case": ("Case", str),
     "precision": ("Precision", str),
@@ -190,18 +170,12 @@ COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "outcome": ("Outcome", str),
     "error": ("Error", _plain),
     "times_allowed": ("Error / tolerance", _plain),
-    "figure": ("Figure", str),
-    "goal": ("Goal", str),
-    "measured": ("Measured", "{:.3g}".format),
-    "textbook": ("Textbook form", "{:.3g}".format),
     "holds": ("Holds", _plain),
     "exponent_pixels": ("Exponent in pixels", "{:.2f}".format),
     "exponent_views": ("Exponent in views", "{:.2f}".format),
     "exponent_planes": ("Exponent in planes", "{:.2f}".format),
 }
 """Column -> its heading, and the text of a cell; `str`: the column holds names."""
-OLD_COLUMNS = {"subject": "network", "asked": "output", "usual": "textbook"}
-"""Column of a table that an earlier version wrote -> its name today."""
 
 
 def write_table(path: str | Path, rows: pd.DataFrame | Iterable[Mapping[str, object]]) -> None:
@@ -240,8 +214,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
             got="a name that occurs twice, or a row that ends early",
             remedy="the file was cut off or edited; write it again",
         )
-    names = [OLD_COLUMNS.get(name, name) for name in lines.loc[0]]
-    return lines.loc[1:].set_axis(names, axis=1).reset_index(drop=True).apply(_numbers_or_text)
+    return lines.loc[1:].set_axis(lines.loc[0].tolist(), axis=1).reset_index(drop=True).apply(_numbers_or_text)
 
 
 def _numbers_or_text(column: pd.Series) -> pd.Series:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lfref.bench import accuracy, evaluation, simulation_cost
+from lfref.bench import accuracy, causes, evaluation
 from lfref.functional.psnr import psnr
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.occlusion_aware import occlusion_aware
@@ -47,7 +47,7 @@ def brute_force(scene: Scene, slope: float, times: int) -> torch.Tensor:
     layers = painting.paint(fine, reach=samples * abs(slope))
     far = max(abs(end - slope) for part in scene.surfaces for end in part.geometry.disparity_range(SIZE))
     n_points = times * max(24, math.ceil(max(scene.camera.grid) * far))
-    return averaged(simulation_cost.through_points(layers, fine.camera, samples * slope, n_points), samples)
+    return averaged(causes.through_points(layers, fine.camera, samples * slope, n_points), samples)
 
 
 def inside(picture: torch.Tensor, scene: Scene, slope: float) -> torch.Tensor:

@@ -81,14 +81,11 @@ def benchmark(tmp_path):
 
 @pytest.fixture
 def operators(tmp_path):
-    def row(method, seconds, **more):
-        times = {"first_call_s": None, "median_s": seconds, "p10_s": seconds, "p90_s": seconds}
-        ratios = {"numpy_ffts": seconds / 2, "ratio_to_same_in_numpy": None}
-        errors = {"psnr_db": None, "max_error": None, "extra_bytes": None, "memory_ratio": None}
-        return {"method": method, "input": "float32", "device": "cpu"} | times | ratios | errors | more
+    def row(method, seconds):
+        return {"method": method, "median_s": seconds, "p10_s": seconds, "p90_s": seconds, "numpy_ffts": seconds / 2}
 
     folder, axes = tmp_path / "operators", ("pixels", "views", "planes")
-    tables.write_table(folder / "operators.csv", [row("numpy_fft_4d", 2.0), row("sum", 0.1, extra_bytes=4_500_000)])
+    tables.write_table(folder / "operators.csv", [row("numpy_fft_4d", 2.0), row("sum", 0.1)])
     grown = [{"method": "sum", "axis": axis, "n": n, "median_s": n, "min_s": n} for axis in axes for n in (1, 2)]
     tables.write_table(folder / "scaling.csv", grown)
     tables.write_table(
@@ -228,18 +225,6 @@ def test_one_light_field_makes_a_table_and_no_scatter(benchmark, evaluation):
     assert evaluated.answer == f"{as_near}, shift_and_sum."
 
 
-def test_the_simulator_has_its_times_and_its_accuracy(tmp_path):
-    costs = [{"scene": "wall", "output": "views", "planned_s": 0.5, "forced_s": 1.0, "forced_over_planned": 2.0}]
-    planes = [{"method": "sum", "alpha": 1.0, "slope": 0.0, "mean_db": 40.0, "worst_db": 35.0, "worst_scene": "wall"}]
-    tables.write_table(tmp_path / "simulate.csv", costs)
-    tables.write_table(tmp_path / "alphas.csv", planes)
-    (section,) = sections.sections([tmp_path])
-    assert [table.to_dict("records") for table in section.tables.values()] == [costs, planes]
-    left, right = section.figures["Time and accuracy"].axes
-    assert list(left.lines[0].get_xdata()) == [2.0]
-    assert [list(line.get_ydata()) for line in right.lines] == [[40.0], [35.0]]
-
-
 def test_every_kind_of_bench_answers_with_figures_of_its_tables(operators, tmp_path):
     causes = [
         {"cause": "points", "method": "sum", "is_base": True, "cost_db": 12.0, "won_db": None},
@@ -248,34 +233,16 @@ def test_every_kind_of_bench_answers_with_figures_of_its_tables(operators, tmp_p
         {"cause": "noise", "method": "filled", "is_base": False, "cost_db": None, "won_db": 9.0},
     ]
     by_plane = [row | {"alpha": 1.0, "slope": 0.0} for row in causes]
-    costs = [
-        {"scene": scene, "output": "views", "planned_s": 0.5, "forced_s": 0.5 * ratio, "forced_over_planned": ratio}
-        for scene, ratio in (("wall", 2.0), ("dome", 25.0))
-    ]
-    planes = [{"method": "sum", "alpha": 1.0, "slope": 0.0, "mean_db": 40.0, "worst_db": 35.0}]
-    rates = [
-        {"source": "stored", "label": "sum", "labels_on": "device", "workers": n, "crops_per_s": 50.0 * (n + 1)}
-        for n in (0, 2)
-    ]
-    waits = [{"label": "sum", "labels_on": "device", "workers": n, "wait_share": 0.25 / (n + 1)} for n in (0, 4)]
-    written = {
-        "causes": causes, "causes_by_plane": by_plane, "simulate": costs, "alphas": planes, "rates": rates,
-        "waits": waits,
-    }  # fmt: skip
+    written = {"causes": causes, "causes_by_plane": by_plane}
     for name, rows in written.items():
         tables.write_table(tmp_path / "all" / f"{name}.csv", rows)
-    own = tables.read_table(operators / "operators.csv").assign(memory_ratio=[None, 0.5])
-    slow = own[1:].assign(method="slow", numpy_ffts=1.5, memory_ratio=1.25)
+    own = tables.read_table(operators / "operators.csv")
+    slow = own[1:].assign(method="slow", numpy_ffts=1.5)
     tables.write_table(operators / "operators.csv", pd.concat([own, slow]))
     answers = {section.title: section.answer for section in sections.sections([tmp_path / "all", operators])}
     assert answers == {
         "Causes of error": "Of 2 causes of error, points costs most, 12.0 dB; filled wins back 7.0 dB.",
-        "Simulator": "Planning saves most time on the views of dome: a simulation of all passes takes 25 times as "
-        "long.",
-        "Data": "Most crops per second, 150, come from stored fields by 2 workers, with labels of sum by the device; "
-        "at best a training waits 5 % of a step.",
-        "Costs of operators": "The fastest method, sum, takes 0.05 units of time, the slowest, slow, 1.5; 1 of 2 keep "
-        "to the budget of memory.",
+        "Costs of operators": "The fastest method, sum, takes 0.05 units of time, the slowest, slow, 1.5.",
     }
 
 
@@ -284,8 +251,6 @@ def test_costs_of_operators_are_two_tables_and_two_figures(operators):
     assert section.title == "Costs of operators"
     costs, exponents = section.tables.values()
     assert costs["method"].tolist() == ["numpy_fft_4d", "sum"]
-    assert costs["extra_bytes"].fillna(0).tolist() == [0, 4_500_000]
-    assert "device" not in costs
     assert exponents.to_dict("records") == [
         {"method": "sum", "exponent_pixels": 1.0, "exponent_views": 2.0, "exponent_planes": 3.0}
     ]
@@ -378,7 +343,7 @@ def test_a_folder_without_results_is_one_clear_error(tmp_path, exists):
         ("benchmark", "bench.csv", "method,psnr_db\na,1.0\n", "must have a column 'median_s'"),
         ("benchmark", "planes.csv", "method,psnr_db\na,1.0\n", "must have a column 'class'"),
         ("benchmark", "scenes.csv", "method,psnr_db\na,1.0\n", "must have a column 'class'"),
-        ("operators", "operators.csv", "method,median_s\na,1.0\n", "must have a column 'input'"),
+        ("operators", "operators.csv", "method,median_s\na,1.0\n", "must have a column 'p10_s'"),
         ("benchmark", "bench.csv", "", "an empty table in"),
         ("evaluation", "summary.csv", "method\nnet\n", "must have a column 'reference'"),
         ("evaluation", "planes.csv", "method,slope\nnet,1\nnet\n", "ends early"),

@@ -59,13 +59,6 @@ def test_components_with_the_same_cases_share_a_picture_up_to_its_width():
     assert [len(figure.axes) for figure in maps.values()] == [1, 4, 1, 1]
 
 
-def test_what_is_missing_is_listed_and_not_drawn():
-    rows = pd.concat([ROWS, table(row("export", "all", outcome="missing"))])
-    assert list(stability_table.heat_maps(rows)) == ["SSIM"]
-    assert stability_table.failures(rows)["component"].tolist() == ["export"]
-    assert stability_table.failures(ROWS).to_dict("records") == [{"component": "none"}]
-
-
 def test_trials_are_counted_by_outcome():
     counts = stability_table.counts(ROWS)
     assert counts.columns.tolist() == ["component", "formulation", "trials", *stability_table.OUTCOMES]
@@ -77,9 +70,6 @@ def test_trials_are_counted_by_outcome():
 
 def test_sections_are_made_of_a_run_folder(tmp_path):
     tables.write_table(tmp_path / "stability.csv", ROWS)
-    goal = {"figure": "error", "goal": "at most 1", "measured": 0.5, "textbook": None}
-    tables.write_table(tmp_path / "goals.csv", [goal | {"holds": "yes"}, goal | {"holds": "no"}])
-    assert stability_table.goals(tmp_path).answer == "1 of 2 goals hold."
     section = stability_table.hard_cases(tmp_path)
     assert list(section.figures) == ["SSIM"]
     assert set(section.tables) == {"Trials", "Our trials that fail"}

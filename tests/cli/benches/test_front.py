@@ -15,7 +15,6 @@ from lfref.cli import bench
 from lfref.cli import config as configs
 from lfref.functional.psnr import psnr
 from lfref.io.read import read_stack
-from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.report import answers, crops
@@ -49,9 +48,6 @@ def front(lfref, tmp_path):
 def test_methods_that_are_null_are_left_out(composed):
     config = composed("bench", *FEW, "methods.exact_fourier=null")
     assert [method.name for method in bench._methods(config, torch.device("cpu"))] == ["shift_and_sum"]
-    config = composed("bench", "group=operators", "methods.wiener=null")
-    cases = bench._cases(config, LightField(torch.rand(3, 3, 3, 8, 8)), set())
-    assert "wiener" not in {case.method.name for case in cases}
 
 
 def test_light_fields_of_one_name_are_told_apart(front, lfref, tmp_path):

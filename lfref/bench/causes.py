@@ -1,5 +1,4 @@
 """Error causes: the cost of each in decibels, and the decibels that each remedy wins back.
-Each group of `lfref bench` has a module of its own.
 
 Letters: T truth, the picture of a lens through its whole aperture; Q the mean of the lens's pictures through the points
 of the views, without interpolation between pixels; X exact Fourier refocusing of the views, L linear shift-and-sum.
@@ -32,7 +31,7 @@ import torch
 from torch import Tensor
 
 from lfref import encoding
-from lfref.bench import accuracy, evaluation, simulation_cost
+from lfref.bench import accuracy, evaluation
 from lfref.bench.accuracy import EXACT, Row
 from lfref.bench.evaluation import SENSOR, TRUTH, EvaluationCase
 from lfref.errors import InputError
@@ -42,9 +41,11 @@ from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 from lfref.simulator import painting
+from lfref.simulator import views as render
 from lfref.simulator.effects import sensor as sensors
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
-from lfref.simulator.scene import Scene
+from lfref.simulator.layers import Layer
+from lfref.simulator.scene import Camera, Scene
 from lfref.simulator.simulate import developed
 from lfref.simulator.surfaces import Plane
 
@@ -128,7 +129,7 @@ def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
 
     # Sampling: by points of the aperture, by pixels, between pixels, at the border.
     layers, n_views = painting.paint(scene, device, float(slopes.abs().max())), max(scene.camera.grid)
-    pictures = [simulation_cost.through_points(layers, scene.camera, slope, n_views) for slope in slopes.tolist()]
+    pictures = [through_points(layers, scene.camera, slope, n_views) for slope in slopes.tolist()]
     points = torch.stack(pictures)
     points_db = interior_psnr(points, truth)
     without_points_db = interior_psnr(exact - (points - truth), truth)
@@ -155,6 +156,24 @@ def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
         yield Condition(f"{n}x{n} views", case, EXACT, exact_db, factor * slopes, margin)
     deep = evaluation.ideal_case(scaled(scene, 2.0, scene.camera.grid), slopes, device)
     yield Condition("range", deep, EXACT, exact_db, slopes, margin)
+
+
+def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_points: int) -> Tensor:
+    """The plane at a slope as the mean of sharp pictures through points of the aperture, [3, H, W].
+
+    Args:
+        layers: Layers from far to near, painted for a reach of |slope|.
+        camera: The lens and the size of the picture.
+        slope: Slope in pixels per view step.
+        n_points: Number of points along each side of the square about the aperture.
+    """
+    shares = (torch.arange(n_points, dtype=torch.float64) + 0.5) / n_points - 0.5
+    total, count = torch.zeros(3, *camera.size, dtype=torch.float64), 0
+    for share in shares:
+        p = shares[torch.hypot(shares, share) <= 0.5] if camera.aperture == "disc" else shares
+        pictures = render.render(layers, camera, p * camera.grid[1], share[None] * camera.grid[0], slope)
+        total, count = total.to(pictures.device) + pictures[0].double().sum(0), count + len(p)
+    return (total / count).float()
 
 
 def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:

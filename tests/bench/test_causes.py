@@ -7,13 +7,14 @@ import pandas as pd
 import pytest
 import torch
 
-from lfref.bench import error_causes
-from lfref.bench.error_causes import EXACT, LINEAR, CauseSettings
+from lfref.bench import causes
+from lfref.bench.causes import EXACT, LINEAR, CauseSettings
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
+from lfref.simulator import painting, views
 from lfref.simulator.effects.crosstalk import Crosstalk
 from lfref.simulator.effects.response import ToneCurve
 from lfref.simulator.effects.sensor import Sensor
@@ -37,7 +38,7 @@ EFFECTS, GEOMETRY = ["crosstalk", "tone_curve"], ["5x5 views", "range"]
 
 @pytest.fixture(scope="module")
 def table():
-    return pd.DataFrame(error_causes.rows([SCENE, BULGE], [CUBIC], SETTINGS))
+    return pd.DataFrame(causes.rows([SCENE, BULGE], [CUBIC], SETTINGS))
 
 
 @pytest.fixture(scope="module")
@@ -106,26 +107,33 @@ def test_an_effect_of_the_sensor_is_compared_with_the_truth_developed_like_its_v
 
 
 def test_more_views_of_the_same_aperture_show_the_same_scene():
-    finer = simulate(error_causes.scaled(SCENE, 3 / 5, (5, 5)), slopes=PLANES.slopes * 3 / 5)
+    finer = simulate(causes.scaled(SCENE, 3 / 5, (5, 5)), slopes=PLANES.slopes * 3 / 5)
     coarse = simulate(SCENE, slopes=PLANES.slopes)
     card = (..., slice(14, 22), slice(16, 24))  # of a texture that does not depend on the size of the canvas
     assert float(psnr(finer.truth[1:][card], coarse.truth[1:][card])) > 40
 
 
 def test_means_leave_planes_or_join_them(table):
-    by_plane, both = error_causes.summary(table, "alpha", "slope"), error_causes.summary(table)
+    by_plane, both = causes.summary(table, "alpha", "slope"), causes.summary(table)
     assert both.columns.tolist() == ["cause", "method", "is_base", "psnr_db", "cost_db", "alone_db", "won_db", "scenes"]
     assert both["scenes"].tolist() == [2] * 12 + [1] * 4
     assert len(by_plane) == 2 * len(both)
     points = table.query("cause == 'points' and is_base")
     assert both["cost_db"][0] == pytest.approx(points["cost_db"].mean())
     assert math.isnan(both.query("cause == 'border'")["alone_db"].iloc[0])
-    bright = error_causes.summary(table.assign(psnr_db=[100.0] + [60.0] * (len(table) - 1)))
+    bright = causes.summary(table.assign(psnr_db=[100.0] + [60.0] * (len(table) - 1)))
     assert bright["psnr_db"].max() < 70  # the one PSNR of 100 dB counts as 70
-    assert (error_causes.summary(table.assign(psnr_db=100.0))["psnr_db"] == 70).all()
+    assert (causes.summary(table.assign(psnr_db=100.0))["psnr_db"] == 70).all()
 
 
 def test_round_apertures_are_refused():
     disc = dataclasses.replace(SCENE, camera=dataclasses.replace(SCENE.camera, aperture="disc"))
     with pytest.raises(InputError):
-        list(error_causes.rows([disc], [], SETTINGS))
+        list(causes.rows([disc], [], SETTINGS))
+
+
+def test_one_point_is_the_middle_of_the_aperture_and_few_are_not_the_whole():
+    layers = painting.paint(SCENE, reach=1.0)
+    one, few, many = (causes.through_points(layers, SCENE.camera, -1.0, n_points) for n_points in (1, 2, 32))
+    assert torch.equal(one, views.all_in_focus(layers, SCENE.camera))
+    assert float((few - many).abs().max()) > 0.01
