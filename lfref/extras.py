@@ -11,7 +11,6 @@ EXTRAS = {
     "video": ("av",),
     "captures": ("h5py",),
     "tensorboard": ("tensorboard",),
-    "tune": ("optuna",),
     "export": ("onnx", "onnxruntime", "onnxscript"),
     "dashboard": ("wandb_workspaces",),
 }

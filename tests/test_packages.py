@@ -120,7 +120,6 @@ def test_the_library_refocuses_by_the_shipped_network_with_few_packages(missing)
         (("refocus", "film.gif"), "av", "video"),
         (("refocus", "array.h5"), "h5py", "captures"),
         (("train", "logger=tensorboard", "experiment=demo"), "tensorboard", "tensorboard"),
-        (("tune", "seed=1,2", "experiment=demo"), "optuna", "tune"),
         (("dashboard",), "wandb_workspaces", "dashboard"),
     ],
 )

@@ -44,7 +44,7 @@ def overrides(name: str, folder: Path) -> list[str]:
         raise InputError(f"sweep {name} must hold parameters with a list of values each", got=error) from error
 
 
-INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "film", "eval", "bench", "prepare"), "input")
+INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "eval", "bench", "prepare"), "input")
 """Command -> key whose value is a path on the command line."""
 RUN = {
     "train": "resume",
@@ -52,8 +52,6 @@ RUN = {
     **dict.fromkeys(("refocus", "view", "eval", "bench", "export"), "checkpoint"),
 }
 """Command -> key that `run=FOLDER` sets."""
-SWEEPS = ("tune",)
-"""Commands that are always a multirun."""
 SHORTHANDS = {
     "slopes": ["planes=slopes", "planes.slopes={}"],
     "alphas": ["planes=alphas", "planes.alphas={}"],
@@ -145,9 +143,6 @@ def options(command: str, words: list[str]) -> dict[str, Any]:
         value = parsed.pop(option[2:].replace("-", "_"))
         if value is not None:
             raise InputError(f"{option} must be left out", got=value, remedy="--config-dir adds to our choices")
-    if command in SWEEPS:
-        parsed["run"] = False
-        parsed["multirun"] = not any(parsed[action] for action in ("cfg", "info", "shell_completion"))
     return parsed
 
 

@@ -8,7 +8,7 @@
 
 Three parts rely on undocumented behaviour of Hydra. `CheckedJobs` replaces the attribute `config_loader` of the running
 application, since Hydra calls nothing of ours between the composition of a job and its log handlers. `COMPONENTS` names
-the classes of the launcher and the sweeper that come with Hydra. `lfref tune` enters its sweeper in Hydra's table.
+the classes of the launcher and the sweeper that come with Hydra.
 This module stands apart from `command`, which wraps a command: these checks keep configurations harmless.
 """
 
@@ -48,8 +48,6 @@ CALLBACKS = {
     "failed_jobs": {"_target_": "lfref.cli.resume.FailedJobs"},
 }
 """All of these, and no others, must stand in a configuration."""
-SWEEPER = "hydra_plugins.lfref.AskAndTell"
-"""Name by which Hydra finds the sweeper of `lfref tune`, which registers it: `lfref.cli.tune.AskAndTell`."""
 COMPONENTS = {
     "launcher": (
         "hydra._internal.core_plugins.basic_launcher.BasicLauncher",
@@ -61,7 +59,6 @@ COMPONENTS = {
     "sweeper": (
         "hydra._internal.core_plugins.basic_sweeper.BasicSweeper",
         "hydra_plugins.hydra_optuna_sweeper.optuna_sweeper.OptunaSweeper",
-        SWEEPER,
     ),
 }
 SAMPLERS = tuple(f"optuna.samplers.{name}Sampler" for name in ("CmaEs", "NSGAII", "Random", "TPE"))

@@ -14,7 +14,7 @@ from torch import Tensor
 from lfref.bench import accuracy, timing
 from lfref.bench.evaluation import TRUTH
 from lfref.cli import config as configs
-from lfref.cli import resume, run_folder, shards, steps
+from lfref.cli import resume, run_folder, steps
 from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import fixed_planes
 from lfref.data.label_sources import Labels
@@ -44,10 +44,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     methods = _methods(config, device)
     for method in methods:
         method.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
-    found = steps.find_fields(config)
-    fields = {name: found[name] for name in shards.share_of(list(found), config.shard)}
-    if not fields:  # more shards than light fields
-        return
+    fields = steps.find_fields(config)
     rows = _earlier_rows(folder / PLANES) if config.resume is not None else []
     done = {row["light_field"] for row in rows}
 
@@ -57,7 +54,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     def labels_of(name: str, field: LightField) -> dict[str, Tensor]:
         labels = {reference: source(field).cpu() for reference, source in references.items()}
         if config.truth is not None:
-            labels[TRUTH] = steps.checked_truth(steps.read_truth(config.truth, name, len(found)), field, planes)
+            labels[TRUTH] = steps.checked_truth(steps.read_truth(config.truth, name, len(fields)), field, planes)
         return labels
 
     @torch.no_grad()

@@ -17,11 +17,9 @@ from lfref.errors import FileError, InputError, LfrefError
 COMMANDS = {
     "info": "show properties of light fields, the slopes of their scenes, and their defects",
     "train": "train a network on labels made by an operator",
-    "tune": "search the options of a training by trials",
     "eval": "compare checkpoints and operators plane by plane with the sources of labels",
     "refocus": "refocus light fields into stacks, pictures, films, disparity and point clouds",
     "view": "make a page on which people refocus a light field themselves",
-    "film": "make a film of light fields whose focus may move",
     "export": "write a network or an operator as a file that other runtimes load",
     "bench": "measure accuracy against time of every operator and checkpoint",
     "prepare": "make a set of planes for training",

@@ -15,7 +15,7 @@ from omegaconf import DictConfig
 from torch.utils.data import DataLoader, Dataset
 
 from lfref.cli import config as configs
-from lfref.cli import shards, steps
+from lfref.cli import steps
 from lfref.cli.command import command, log, progress
 from lfref.data import plane_sets, prepared
 from lfref.data.cache import Reading
@@ -99,13 +99,12 @@ def captures(config: DictConfig, folder: Path) -> None:
     damaged = prepared.check(place) if config.check and prepared.is_set(place) else {}
     for error in damaged.values():
         log.warning("damaged: %s", error)
-    own = shards.share_of(list(sources), config.shard)
     missing = [
         name
-        for name in own
+        for name in sources
         if paths[name].name in damaged or not prepared.is_done(paths[name], sources[name], reading, parts[name])
     ]
-    log.info("%d of %d exist in %s", len(own) - len(missing), len(own), place)
+    log.info("%d of %d exist in %s", len(sources) - len(missing), len(sources), place)
     jobs = [functools.partial(prepared.prepare, paths[name], sources[name], reading, parts[name]) for name in missing]
     errors = []
     if jobs:
@@ -122,7 +121,7 @@ def captures(config: DictConfig, folder: Path) -> None:
         log.info("%s in %s: lfref train data=folder data.path=%s", total, place, place)
     if errors:
         got = f"{len(errors)} that cannot: {'; '.join(errors)}"
-        raise LfrefError(f"all {len(own)} light fields must be usable", got=got, remedy="the others are done")
+        raise LfrefError(f"all {len(sources)} light fields must be usable", got=got, remedy="the others are done")
 
 
 def _check_room(config: DictConfig, place: Path, n_fields: int) -> None:

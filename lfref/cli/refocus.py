@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from lfref import extras
 from lfref.captures.correct import Corrections
 from lfref.cli import config as configs
-from lfref.cli import resume, shards, steps
+from lfref.cli import resume, steps
 from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError, counted
@@ -36,7 +36,6 @@ def refocus(config: DictConfig, folder: Path) -> None:
     white = steps.white_field(config, refocuser)
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
     places = {name: steps.result_folder(folder, name, path, named) for name, path in fields.items()}
-    fields = {name: fields[name] for name in shards.share_of(list(fields), config.shard)}
     if config.resume is not None:
         fields = steps.remaining(fields, places, folder)
 

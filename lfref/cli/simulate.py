@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
-from lfref.cli import resume, run_folder, shards
+from lfref.cli import resume, run_folder
 from lfref.cli.command import command, device_of, log, progress
 from lfref.cli.steps import fixed_planes
 from lfref.encoding import LINEAR, SRGB
@@ -36,10 +36,9 @@ def simulate(config: DictConfig, folder: Path) -> None:
         raise InputError(f"suffix must be {' or '.join(map(repr, write.SUFFIXES))}", got=repr(suffix))
     planes = fixed_planes(config)
     scenes: Scenes | Scene = configs.build(config.scene)
-    indices = shards.share_of(range(n_fields), config.shard)
     done = run_folder.read_listed(folder) if config.resume is not None else {}
     n_done = 0
-    for index in progress(indices, "simulating"):
+    for index in progress(range(n_fields), "simulating"):
         scene = scenes if isinstance(scenes, Scene) else scenes.scene(seed, 0, index)
         if f"{SHEETS}/{scene.name}.png" in done:
             n_done += 1
@@ -52,7 +51,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(result.rows))
     earlier = f"; there before: {n_done}" if n_done else ""
-    log.info("simulated %s in %s%s", counted(len(indices) - n_done, "light field"), folder, earlier)
+    log.info("simulated %s in %s%s", counted(n_fields - n_done, "light field"), folder, earlier)
 
 
 def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes, suffix: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 import wandb
 from hydra.core.hydra_config import HydraConfig
-from lightning.pytorch import Callback, LightningDataModule, Trainer, seed_everything
+from lightning.pytorch import LightningDataModule, Trainer, seed_everything
 from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
 from omegaconf import DictConfig
 
@@ -158,7 +158,7 @@ def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
         named.pop("initialization", None)  # the weights are there already
     chosen = [callback for callback in named.values() if callback is not None]
     record = TrainingRecord(Path(config.folder) / runs.TRAINING)
-    callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, *_trial_reports(), record, stopping]
+    callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, record, stopping]
     logger = loggers.started(config, "train", compared_by=(MPSNR_OF_STACK, MSSIM_OF_STACK))
     devices = _devices(configs.plain(config.trainer))
     plugins: list[Any] = [AtomicCheckpointIO()]
@@ -166,19 +166,6 @@ def _trainer(config: DictConfig, stopping: Stopping) -> Trainer:
         # Lightning would answer a signal by a checkpoint of its own, which `resume=auto` does not know.
         plugins.append(SLURMEnvironment(auto_requeue=False))
     return configs.build(config.trainer, callbacks=callbacks, logger=logger, plugins=plugins, devices=devices)
-
-
-def _trial_reports() -> list[Callback]:
-    """The callback of a trial of `lfref tune`, whose study lies in the folder of the sweep."""
-    if not resume.is_sweep_job():
-        return []
-    hydra = HydraConfig.get()
-    file = Path(hydra.sweep.dir) / runs.STUDY
-    if not file.is_file():
-        return []
-    from lfref.train.tuning import TrialReports  # needs Optuna, an extra
-
-    return [TrialReports(file, hydra.job.num)]
 
 
 def _devices(trainer: Mapping[str, Any]) -> Any:

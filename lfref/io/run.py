@@ -20,8 +20,6 @@ from lfref.io import atomic
 
 CONFIG, OVERRIDES, OLD_OVERRIDES = "config.yaml", "overrides.yaml", "overrides.txt"
 CHECKPOINTS, METRICS, PICTURES = "checkpoints", "log/metrics.csv", "pictures"
-STUDY = "study.journal"
-"""File of a study of `lfref tune`, in the folder that holds the run folders of its trials."""
 TRAINING = "training.json"
 """File with size, time and end of a training."""
 FAILURE = ".lfref_failure.json"

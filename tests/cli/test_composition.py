@@ -14,7 +14,7 @@ from lfref.cli import config as configs
 from lfref.errors import InputError
 
 JOBLIB, LOCAL, SLURM, RAY = composition.COMPONENTS["launcher"][1:]
-BASIC, OPTUNA, OURS = composition.COMPONENTS["sweeper"]
+BASIC, OPTUNA = composition.COMPONENTS["sweeper"]
 TOUCH = {"_target_": "os.system", "command": "touch sentinel"}
 FACTORY = {"()": "os.system", "command": "touch sentinel"}
 
@@ -54,8 +54,6 @@ REFUSED = [
     ("sweeper", {"_target_": OPTUNA, "sampler": "${evil}"}),
     ("sweeper", {"_target_": OPTUNA, "custom_search_space": "os.system"}),
     ("sweeper", {"_target_": OPTUNA, "storage": "sqlite:///sentinel"}),
-    ("sweeper", {"_target_": OURS, "params": TOUCH}),
-    ("sweeper", {"_target_": "lfref.cli.tune.AskAndTell"}),
     ("job_logging.handlers.evil", FACTORY),
     ("job_logging.handlers.file.class", "os.system"),
     ("job_logging.handlers.file.class", "logging.handlers.SocketHandler"),
@@ -114,7 +112,6 @@ ALLOWED = [
     ("launcher", {"_target_": RAY, "ray": {"init": {"address": None, "num_cpus": 2}, "remote": {"num_gpus": 1}}}),
     ("sweeper.max_batch_size", 4),
     ("sweeper", {"_target_": BASIC, "params": {"net.activation": "relu,elu"}, "max_batch_size": None}),
-    ("sweeper", {"_target_": OURS, "params": {"optimizer.lr": "interval(0.001,0.1)"}, "max_batch_size": None}),
     (
         "sweeper",
         {

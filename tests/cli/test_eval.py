@@ -1,4 +1,4 @@
-"""`lfref eval` over many light fields: one that fails, runs that go on, and shards."""
+"""`lfref eval` over many light fields: one that fails, and runs that go on."""
 
 import json
 import shutil
@@ -50,8 +50,9 @@ def test_one_that_fails_is_named_and_the_run_goes_on_with_it(lfref, captures, tm
     assert "settings that it began with" in line
 
 
-def test_a_sweep_of_shards_that_is_given_again_does_what_is_left(lfref, captures, tmp_path):
-    words = ("eval", "--multirun", f"input={captures}", f"output={tmp_path}/out", "shard=1/3,2/3,3/3", *QUICK)
+def test_a_sweep_of_inputs_that_is_given_again_does_what_is_left(lfref, captures, tmp_path):
+    inputs = ",".join(f"'{captures}/{name}'" for name in ("first one", "second", "third"))
+    words = ("eval", "--multirun", f"input={inputs}", f"output={tmp_path}/out", *QUICK)
     status, error = lfref(*words)
     assert status == 1
     assert "second" in error
@@ -63,13 +64,6 @@ def test_a_sweep_of_shards_that_is_given_again_does_what_is_left(lfref, captures
     assert status == 0, error
     assert [path.stat().st_mtime_ns for path in pictures] == times_ns
     assert len(list((tmp_path / "out").glob("*/comparison/*.png"))) == 3
-
-
-def test_a_share_without_light_fields_is_no_failure(lfref, captures, tmp_path):
-    status, error = lfref("eval", f"input={captures}", f"output={tmp_path}/out", "shard=4/4", *QUICK)
-    assert status == 0, error
-    assert "no light field falls into shard 4/4" in (tmp_path / "out" / "eval.log").read_text()
-    assert not (tmp_path / "out" / "summary.csv").exists()
 
 
 def test_methods_and_references_that_are_null_are_left_out(lfref, captures, tmp_path):

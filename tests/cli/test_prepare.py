@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 
 import pytest
 import torch
@@ -81,19 +79,16 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.glob("*.field")}
 
 
-def test_captures_are_prepared_by_processes_and_shards_as_by_one_process(lfref, tmp_path, captures):
+def test_captures_are_prepared_by_processes_as_by_one_process(lfref, tmp_path, captures):
     words = ("prepare", captures, "set=captures")
-    one, shards = tmp_path / "one", tmp_path / "shards"
-    assert lfref(*words, f"set_folder={one}", "workers=0", f"output={tmp_path}/r0")[0] == 0
-    for number in (3, 1, 2):
-        status, error = lfref(
-            *words, f"set_folder={shards}", "workers=2", f"shard={number}/3", f"output={tmp_path}/s{number}"
-        )
+    for workers in (0, 2):
+        places = (f"set_folder={tmp_path}/{workers}", f"output={tmp_path}/run{workers}")
+        status, error = lfref(*words, f"workers={workers}", *places)
         assert status == 0, error
-    assert contents(one) == contents(shards)
-    assert len(contents(one)) == 5
-    manifests = [(folder / prepared.MANIFEST).read_text() for folder in (one, shards, tmp_path / "r0", tmp_path / "s2")]
-    assert len(set(manifests)) == 1
+    assert contents(tmp_path / "0") == contents(tmp_path / "2")
+    assert len(contents(tmp_path / "0")) == 5
+    first, second = ((tmp_path / place / prepared.MANIFEST).read_text() for place in ("0", "2"))
+    assert first == second
 
 
 def test_a_set_goes_on_and_renews_what_is_damaged(lfref, tmp_path, captures):
@@ -136,14 +131,6 @@ def test_a_set_too_large_is_refused_after_its_first_light_field(lfref, tmp_path,
     assert len(contents(tmp_path / "set")) == 1
 
 
-@pytest.mark.parametrize("shard", ["0/2", "3/2", "1", "a/b", "1/0"])
-def test_a_shard_that_is_none_is_refused(lfref, tmp_path, captures, shard):
-    words = ("prepare", captures, "set=captures", f"set_folder={tmp_path}/set", f"output={tmp_path}/run")
-    status, error = lfref(*words, f"shard={shard}")
-    assert status == 1
-    assert "shard must be K/N, such as 2/8" in error
-
-
 def test_a_folder_of_other_files_becomes_no_set(lfref, tmp_path, captures):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "fields.json").write_text("mine")
@@ -174,25 +161,6 @@ def test_a_training_reads_a_set_whose_captures_are_gone(lfref, tmp_path, capture
     assert last["FolderData"] == {
         "train": ["field_1.field", "field_2.field", "field_3.field"], "validation": ["field_4.field"]
     }  # fmt: skip
-
-
-@pytest.mark.slow
-def test_jobs_of_a_launcher_share_a_set_and_name_what_is_corrupt(tmp_path, captures):
-    pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
-    view = sorted((captures / "field_2").glob("*.png"))[7]
-    whole = view.read_bytes()
-    view.write_bytes(whole[:200])
-    words = ("--multirun", captures, "set=captures", f"set_folder={tmp_path}/set", "workers=0", "shard=1/2,2/2")
-    launcher = ("hydra/launcher=submitit_local", "hydra.launcher.timeout_min=5", f"output={tmp_path}/sweep")
-    command = [sys.executable, "-m", "lfref.cli.main", "prepare", *map(str, (*words, *launcher))]
-    for expected in (1, 0):
-        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-        assert ended.returncode == expected, ended.stderr
-        if expected:
-            assert "sweep/0 (shard=1/2): all 3 light fields must be usable; got 1 that cannot" in ended.stderr
-            assert sorted(contents(tmp_path / "set")) == [f"field_{index}.field" for index in (0, 1, 3, 4)]
-            view.write_bytes(whole)
-    assert len(prepared.manifest(tmp_path / "set")) == 5
 
 
 def test_other_splits_are_taken_over_and_files_of_others_are_left_alone(lfref, tmp_path, captures):

@@ -208,22 +208,11 @@ def test_one_command_begins_a_folder_of_captures_and_goes_on_with_it(lfref, capt
     assert (tmp_path / "out" / "second" / "stack.exr").is_file()
 
 
-def test_shards_share_the_captures_out(lfref, captures, tmp_path):
-    shutil.rmtree(captures / "second")
-    assert lfref("refocus", captures, f"output={tmp_path}/whole", *QUICK)[0] == 0
-    for number in (1, 2):
-        status, error = lfref("refocus", captures, f"output={tmp_path}/{number}", f"shard={number}/2", *QUICK)
-        assert status == 0, error
-    done = {number: [path.parent.name for path in tmp_path.glob(f"{number}/*/stack.exr")] for number in (1, 2)}
-    assert done == {1: ["first one"], 2: ["third"]}
-    for number, (name,) in done.items():
-        one, whole = (read_stack(tmp_path / run / name / "stack.exr")[0] for run in (str(number), "whole"))
-        assert torch.equal(one, whole)
-
-
-def test_a_sweep_of_shards_that_is_given_again_does_what_is_left(lfref, captures, tmp_path):
-    shutil.rmtree(captures / "second")
-    words = ("refocus", "--multirun", captures, f"output={tmp_path}/out", "shard=1/2,2/2", *QUICK)
+def test_a_sweep_of_inputs_that_is_given_again_does_what_is_left(lfref, captures, tmp_path):
+    for folder, name in (("a", "first one"), ("b", "third")):
+        (tmp_path / folder).mkdir()
+        (captures / name).rename(tmp_path / folder / name)
+    words = ("refocus", "--multirun", f"input={tmp_path}/a,{tmp_path}/b", f"output={tmp_path}/out", *QUICK)
     assert lfref(*words)[0] == 0
     sheets = sorted((tmp_path / "out").glob("*/*/contact_sheet.png"))
     assert len(sheets) == 2

@@ -216,20 +216,3 @@ def test_a_capture_of_a_scenes_name_is_not_replaced(lfref, tmp_path, suffix):
         assert code == 1
         assert complaint in error
         assert capture.read_bytes() == b"mine"
-
-
-def test_shards_simulate_and_evaluate_their_part_of_the_light_fields(lfref, tmp_path):
-    words = ("simulate", "scene=random", "n_fields=3", "outputs=[views]", *SMALL)
-    for run, more in (("whole", ()), ("one", ("shard=1/2",)), ("two", ("shard=2/2",))):
-        status, error = lfref(*words, f"output={tmp_path}/{run}", *more)
-        assert status == 0, error
-    names = {run: [path.name for path in find(tmp_path / run)] for run in ("whole", "one", "two")}
-    assert names["one"] == names["whole"][::2]
-    assert names["two"] == names["whole"][1::2]
-    for run in ("one", "two"):
-        for name in names[run]:
-            assert torch.equal(read(tmp_path / run / name).views, read(tmp_path / "whole" / name).views)
-    words = ("eval", tmp_path / "whole", "+method@methods.shift_and_sum=shift_and_sum", "alphas=[0.5,1,2]")
-    status, error = lfref(*words, "shard=2/2", f"output={tmp_path}/eval")
-    assert status == 0, error
-    assert [path.stem for path in (tmp_path / "eval" / "comparison").glob("*.png")] == names["two"]

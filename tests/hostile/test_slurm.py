@@ -210,23 +210,24 @@ def test_members_of_a_sweep_outlive_a_signal_and_are_queued_again(cluster, tmp_p
     assert torch.load(sweep / "0" / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == 99
 
 
-def test_a_shard_that_is_queued_again_does_what_is_left(cluster, tmp_path):
+def test_a_job_that_is_queued_again_does_what_is_left(cluster, tmp_path):
     pytest.importorskip("hydra_plugins.hydra_submitit_launcher")
     field, _ = cases.scene(size=(288, 384))  # takes two seconds or more
     for index in range(24):
-        write.write(tmp_path / "captures" / f"field_{index:02d}", field)
+        write.write(tmp_path / "captures" / str(index % 2) / f"field_{index:02d}", field)
     words = [
-        sys.executable, "-c", "from lfref.cli.main import main; main()", "refocus", "--multirun", tmp_path / "captures",
-        "shard=1/2,2/2", "method=occlusion_aware", "correct=none", f"output={tmp_path}/out",
+        sys.executable, "-c", "from lfref.cli.main import main; main()", "refocus", "--multirun",
+        f"input={tmp_path}/captures/0,{tmp_path}/captures/1", f"output={tmp_path}/out",
+        "method=occlusion_aware", "correct=none",
         "hydra/launcher=submitit_slurm", "hydra.launcher.timeout_min=20",
         "hydra.launcher.cpus_per_task=1", "hydra.launcher.mem_gb=null",
     ]  # fmt: skip
     process = subprocess.Popen(list(map(str, words)), stderr=subprocess.PIPE, text=True)
     try:
-        wait_until(lambda: len(list((tmp_path / "out").glob("0/field_*"))) > 1, "a shard must have begun", process)
+        wait_until(lambda: len(list((tmp_path / "out").glob("0/field_*"))) > 1, "a job must have begun", process)
         (folder,) = (tmp_path / "out" / ".submitit").glob("*_0")
-        run("scontrol", "requeue", folder.name)  # preemption may take longer than the shard
-        wait_until(lambda: "JobState=PENDING" in facts(folder.name), "the shard must wait in the queue")
+        run("scontrol", "requeue", folder.name)  # preemption may take longer than the job
+        wait_until(lambda: "JobState=PENDING" in facts(folder.name), "the job must wait in the queue")
         first = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("0/field_*/stack.exr")}
         start_again(folder.name)
         errors = process.communicate(timeout=LIMIT_S)[1]
