@@ -14,11 +14,10 @@ from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
-from lfref.io.scratch import allocator
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocuser.load import load
-from lfref.refocuser.refocuser import Refocuser, in_bands
+from lfref.refocuser.refocuser import Refocuser
 from lfref.report import results
 from lfref.report.refocused import PictureFiles, Refocused
 
@@ -32,7 +31,6 @@ def refocus(config: DictConfig, folder: Path) -> None:
     optional = [name for name in results.OPTIONAL if config[name]]
     if config.video:
         extras.check("av", "video=true")
-    n_rows, scratch = _rows(config, optional), None if config.rows is None else folder
     white = steps.white_field(config, refocuser)
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
     places = {name: steps.result_folder(folder, name, path, named) for name, path in fields.items()}
@@ -40,9 +38,8 @@ def refocus(config: DictConfig, folder: Path) -> None:
         fields = steps.remaining(fields, places, folder)
 
     def read(_: str, path: Path) -> LightField:
-        field = steps.read_field(path, config, [refocuser], scratch)
-        if n_rows is None:
-            steps.warn_of_memory(field, configured_planes, [refocuser], config)
+        field = steps.read_field(path, config, [refocuser])
+        steps.check_memory(field, configured_planes, [refocuser])
         return field
 
     def correct(_: str, field: LightField) -> tuple[LightField, Corrections | None]:
@@ -51,10 +48,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
     def compute(_: str, corrected: tuple[LightField, Corrections | None]) -> tuple[Refocused, Corrections | None]:
         field, corrections = corrected
         planes = planes_of(configured_planes, field)
-        if n_rows is None:
-            stack = steps.refocus_field(refocuser, field, planes.slopes, device)
-        else:
-            stack = in_bands(refocuser, field, planes.slopes, n_rows, allocator(scratch), device)
+        stack = steps.refocus_field(refocuser, field, planes.slopes, device)
         return Refocused(field, stack, planes, steps.gain(field, exposure), files), corrections
 
     def write(name: str, result: tuple[Refocused, Corrections | None]) -> None:
@@ -68,20 +62,6 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
     stages: dict[str, steps.Step] = {"reading": read, "correcting": correct, "refocusing": compute, "writing": write}
     steps.process(fields, stages, "refocusing")
-
-
-def _rows(config: DictConfig, optional: list[str]) -> int | None:
-    """Rows that are refocused at a time, or None for all."""
-    if config.rows is None:
-        return None
-    others = [f"{name}=true" for name in optional]
-    remedies = [f"leave {' and '.join(others)} out"] if others else []
-    if config.correct != "none":
-        others, remedies = [f"correct={config.correct}", *others], ["give correct=none", *remedies]
-    if others:
-        expected = "rows=N, for light fields larger than memory, must neither correct nor add results"
-        raise InputError(expected, got=", ".join(others), remedy=", ".join(remedies))
-    return int(configs.number(config, "rows", 1))
 
 
 def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:

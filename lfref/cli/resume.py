@@ -40,7 +40,7 @@ SHOWN = 4
 """Largest number of differences that an error names."""
 NOT_RESUMED = "hydra", "logger", "output", "folder", "overwrite"
 """Groups of overrides that say where files go. They are not taken over: a run folder may come from somebody else."""
-PLACES = (*parts.PLACES, "cache_folder", "tracking_uri", "scratch")
+PLACES = (*parts.PLACES, "cache_folder", "tracking_uri")
 """Last names of keys in other groups that say where files go."""
 
 

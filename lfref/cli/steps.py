@@ -5,7 +5,6 @@ computing and writing run at the same time in one thread each, so that memory ho
 are.
 """
 
-import dataclasses
 import math
 import re
 import shutil
@@ -28,23 +27,16 @@ from lfref.cli.command import log, paths, progress, stages
 from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
 from lfref.functional import memory
 from lfref.geometry import FocalPlanes
-from lfref.io import atomic, images, view_folders
+from lfref.io import atomic, images, memory_limit, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
-from lfref.refocuser.refocuser import PREDICTING, OperatorRefocuser, Refocuser
+from lfref.refocuser.refocuser import Refocuser
 from lfref.report.refocused import brightening
 
-MUCH_MEMORY = 4e9
-"""Bytes from which a command warns before it takes them: half of what a common laptop has."""
-PROGRAM = 1.0e9
-"""Bytes that libraries, compiled loops, filters and what is computed of each plane take beside the light field."""
-CORRECTING, REFOCUSING, COMPARING = 2.2, 1.5, 1.8
-"""Largest number of copies of the views that a capture needs while it is corrected, refocused by a method that sums
-views, and by one that compares them. `PROGRAM` and the last come from a line through two peaks (ru_maxrss) of `lfref
-view`, less its stacks: 1.21 and 1.83 GB for 7x7 and 14x14 views of 375x540 pixels with black corners, which are filled.
-Views without weights take less. The others are upper bounds: correcting the 14x14 views took 1.93 GB, and summing them
-without correction 1.26 GB."""
+COPIES = 2.2
+"""Copies of the views that a light field needs beside those that were read, while it is corrected; refocusing needs
+fewer."""
 PICTURE_SUFFIXES = next(known.suffixes for known in reader.FORMATS if known.name == "eslf")
 """Suffixes of pictures, each of which may be a lenslet image or a single view."""
 LENSLET_SIDE = 3000
@@ -152,20 +144,15 @@ def _numbers(path: Path) -> list[tuple[str, int]]:
     return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", path.name)]
 
 
-def read_field(
-    path: Path, config: DictConfig, refocusers: Iterable[Refocuser] = (), scratch: Path | None = None
-) -> LightField:
+def read_field(path: Path, config: DictConfig, refocusers: Iterable[Refocuser] = ()) -> LightField:
     """Read a light field.
 
     Args:
         path: File or folder.
         config: Configuration with `reader`; without `reader.views` a network determines the number of views.
         refocusers: Methods that will refocus it.
-        scratch: Folder for views that do not fit into memory; None keeps them in memory.
     """
     options = configs.plain(config.reader)
-    if scratch is not None:
-        options["scratch"] = scratch
     network = next((refocuser for refocuser in refocusers if refocuser.grid is not None), None)
     if options["views"] is not None or network is None:
         field = reader.read(path, **options)
@@ -180,30 +167,13 @@ def read_field(
     return field
 
 
-def estimated_memory(field: LightField, n_planes: int, refocusers: Iterable[Refocuser], corrects: bool) -> float:
-    """Bytes that a command takes at its highest for a light field, about; each method keeps its stack."""
-    methods = list(refocusers)
-    compares = any(not isinstance(method, OperatorRefocuser) or method.function in PREDICTING for method in methods)
-    copies = max(COMPARING if compares else REFOCUSING, CORRECTING if corrects else 0)
-    n_samples = field.views.numel() / math.prod(field.grid) * n_planes
-    return PROGRAM + copies * 4 * field.views.numel() + 4 * n_samples * (len(methods) + 1)
-
-
-def warn_of_memory(field: LightField, planes: Planes, refocusers: Sequence[Refocuser], config: DictConfig) -> None:
-    """Log a warning, with the option that halves it, if a light field will need much memory."""
+def check_memory(field: LightField, planes: Planes, refocusers: Sequence[Refocuser]) -> None:
+    """Refuse a light field that will not fit into memory with its stacks, one of each method."""
     n_planes = planes.n if isinstance(planes, AutoPlanes) else len(planes)
-    corrects = config.correct != "none"
-    needed = estimated_memory(field, n_planes, refocusers, corrects)
-    if needed > MUCH_MEMORY:
-        halved = dataclasses.replace(field, views=field.views[: field.grid[0] // 2])
-        fewer_planes = estimated_memory(field, max(1, n_planes // 2), refocusers, corrects)
-        less_views = estimated_memory(halved, n_planes, refocusers, corrects)
-        # Half of the views: their number along each axis, divided by the root of 2.
-        views = max(1, round(min(field.grid) / math.sqrt(2)))
-        remedy = (
-            f"reader.views={views}" if less_views <= fewer_planes else f"planes=auto planes.n={max(1, n_planes // 2)}"
-        )
-        log.warning("%s will take about %.1f GB of memory; %s takes half of it", field.name, needed / 1e9, remedy)
+    n_weights = 0 if field.weight is None else field.weight.numel()
+    n_views = field.views.numel() + n_weights
+    n_stack = field.views.numel() // math.prod(field.grid) * n_planes
+    memory_limit.check(4 * (COPIES * n_views + (len(refocusers) + 1) * n_stack), f"{field.name} and its planes")
 
 
 def process(fields: Mapping[str, Path], steps: Mapping[str, Step], what: str) -> None:
@@ -253,7 +223,7 @@ def _memory_errors(name: str) -> Iterator[None]:
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and not re.search("allocate memory|out of memory", str(error)):
             raise
-        remedy = "give reader.views or reader.size to read less, or rows=N to keep views on the disk"
+        remedy = "give reader.views or reader.size to read less"
         raise LfrefError(f"{name} must fit into memory", got=first_line(error), remedy=remedy) from error
 
 

@@ -36,7 +36,7 @@ def view(config: DictConfig, folder: Path) -> None:
         if lytro_files.is_stack(path):
             return _lytro_pictures(path)
         field = steps.read_field(path, config, refocusers)
-        steps.warn_of_memory(field, configured_planes, refocusers, config)
+        steps.check_memory(field, configured_planes, refocusers)
         return field
 
     def correct(_: str, field: LightField | Refocused) -> LightField | Refocused:

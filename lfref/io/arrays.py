@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from lfref import extras
 from lfref.errors import FileError, InputError, LfrefError, first_line
-from lfref.io import atomic, lengths, scratch
+from lfref.io import atomic, lengths, memory_limit
 from lfref.io.options import ReadOptions
 
 ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", "nhwc", "nchw", "hwcn")
@@ -167,7 +167,7 @@ def decode_array(path: Path, options: ReadOptions) -> NDArray:
         axes = options.axes or _likely_axes(array, path)
         _check(array, axes, path)
         # A sample takes at least one byte as stored, and four as light; a damaged header may name any size.
-        scratch.check_memory((5 if options.scratch is None else 1) * math.prod(array.shape), str(path))
+        memory_limit.check(5 * math.prod(array.shape), str(path))
         stored = array.load()
     views = arranged(stored, axes, options.grid, path)
     return _radiances(views[options.window(views.shape[:2], path)], path)

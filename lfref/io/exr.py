@@ -16,7 +16,6 @@ from lfref.errors import FileError
 from lfref.geometry import FocalPlanes, planes_at_alphas
 from lfref.io import grid, images
 from lfref.io.options import ReadOptions
-from lfref.io.scratch import allocator
 
 VIEW = re.compile(r"view_(\d+)_(\d+)")
 PLANE = re.compile(r"plane_(\d+)")
@@ -64,7 +63,6 @@ def decode_views(path: Path, options: ReadOptions) -> NDArray:
             options.window(stored.shape, path),
             lambda part: images.read_part(source, path, part),
             lambda part: f"{path}:{part}",
-            allocator(options.scratch),
         )
 
 

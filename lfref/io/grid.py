@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.errors import FileError
-from lfref.io.scratch import Allocator
 
 Source = TypeVar("Source")
 Cell = tuple[int, int]
@@ -77,7 +76,6 @@ def gather(
     window: tuple[slice, slice],
     load: Callable[[Source], NDArray],
     name_of: Callable[[Source], str],
-    allocate: Allocator = np.zeros,
 ) -> NDArray:
     """The views of a window in one array, in the type of the files, [V, U, C, H, W].
 
@@ -88,7 +86,6 @@ def gather(
         window: Rows and columns to keep.
         load: Reads one view, [H, W, C].
         name_of: Name of a view, for messages.
-        allocate: Allocates the array.
     """
     shape = window[0].stop - window[0].start, window[1].stop - window[1].start
     present = {
@@ -104,7 +101,7 @@ def gather(
     first = load(first_source)
     adds_weight = has_holes and first.shape[2] % 2 == 1
     height, width, n_channels = first.shape
-    gathered = allocate((*shape, n_channels + adds_weight, height, width), first.dtype)
+    gathered = np.zeros((*shape, n_channels + adds_weight, height, width), first.dtype)
     for cell, source in present.items():
         view = first if source is first_source else load(source)
         if (view.shape, view.dtype) != (first.shape, first.dtype):

@@ -39,7 +39,6 @@ KINDS: dict[str, tuple[str, tuple[type, ...], tuple[type, ...]]] = {
     "positions": ("a CSV or JSON file, or names", _PATH, ()),
     "spacing": ("two numbers, as [1,1.1]", (), (int, float)),
     "encoding": ("linear, srgb, gamma:EXPONENT, file or none", (str,), ()),
-    "scratch": ("a folder", _PATH, ()),
 }
 """Option -> its values in words, types of a single value, and types of both values of a pair."""
 
@@ -70,7 +69,6 @@ class ReadOptions:
     positions: str | None = None
     spacing: Pair | None = None
     encoding: str = "file"
-    scratch: Path | None = None
 
     @classmethod
     def parse(cls, **options: Any) -> "ReadOptions":
@@ -115,7 +113,7 @@ class ReadOptions:
         if options.get("transpose"):
             # Users count rows and columns of the light field, decoders those of the file.
             options |= {name: options[name][::-1] for name in ("views", "grid") if options.get(name) is not None}
-        for name, form in (("white", Path), ("scratch", Path), ("positions", str)):
+        for name, form in (("white", Path), ("positions", str)):
             if options.get(name) is not None:
                 options[name] = form(options[name])
         checked: dict[str, Any] = {}

@@ -21,7 +21,6 @@ from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import arrays, cameras, exr, images, lenslets, lytro, lytro_files, metadata, video, view_folders
 from lfref.io.options import LENSLET, ReadOptions
-from lfref.io.scratch import Allocator, allocator
 from lfref.lightfield import LightField
 
 VERSION = 1
@@ -168,7 +167,6 @@ def read(
     positions: str | Path | None = None,
     spacing: tuple[float, float] | None = None,
     encoding: str = "file",
-    scratch: str | Path | None = None,
 ) -> LightField:
     """Read a light field: a lenslet image, a raw file of a Lytro camera, a folder, an EXR file, an array, or a film.
 
@@ -204,8 +202,6 @@ def read(
         spacing: View steps from row to row and from column to column, both above 0, if they differ.
         encoding: Encoding of the samples: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB for
             integers and linear for floating point; `none` leaves samples as they are, as the paper does.
-        scratch: A folder for views that are larger than memory: a nameless file there holds them, and vanishes with
-            them. Folders of views and EXR files are never in memory as a whole; the samples of other formats are.
 
     Returns:
         The light field, float32, [V, U, C, H, W] contiguous with C 1 or 3; linear light (unless `encoding` is `none`)
@@ -227,7 +223,6 @@ def read(
         views=views, start=start, transpose=transpose, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern,
         lenslet=lenslet, pitch=pitch, offset=offset, rotation=rotation, lattice=lattice, white=white, size=size,
         grid=grid, holes=holes, axes=axes, variable=variable, positions=positions, spacing=spacing, encoding=encoding,
-        scratch=scratch,
     )  # fmt: skip
     path = Path(path)
     form = format_of(path)
@@ -267,25 +262,14 @@ def read(
     signs = (-1 if reverse_v else 1), (-1 if reverse_u else 1)
     samples = samples[:: signs[0], :: signs[1]]
     stood = None if stored is None else torch.from_numpy(stored[:: signs[0], :: signs[1]] * signs)
-    allocate = None if options.scratch is None else allocator(options.scratch)
     return LightField(
-        _converted(samples[:, :, :n_colours], lambda view: images.decoded(view, tone), allocate),
+        torch.from_numpy(images.decoded(samples[:, :, :n_colours], tone)),
         path.absolute().name if path.is_dir() else path.stem,
-        _converted(samples[:, :, n_colours:], images.to_float, allocate) if has_weight else None,
+        torch.from_numpy(images.to_float(samples[:, :, n_colours:])) if has_weight else None,
         entries,
         is_linear=tone.is_known,
         positions=stood,
     )
-
-
-def _converted(samples: NDArray, convert: Callable[[NDArray], NDArray], allocate: Allocator | None) -> Tensor:
-    """Samples as float32; view by view if they lie on a disk."""
-    if allocate is None:
-        return torch.from_numpy(convert(samples))
-    converted = allocate(samples.shape, np.float32)
-    for cell in np.ndindex(samples.shape[:2]):
-        converted[cell] = convert(samples[cell])
-    return torch.from_numpy(converted)
 
 
 def read_stack(path: str | Path) -> tuple[Tensor, FocalPlanes]:

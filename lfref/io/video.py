@@ -22,7 +22,6 @@ from lfref import extras
 from lfref.errors import FileError, InputError, counted, first_line
 from lfref.io import atomic, grid, images, lengths, ownership
 from lfref.io.options import ReadOptions
-from lfref.io.scratch import allocator
 
 if TYPE_CHECKING:
     import av
@@ -73,13 +72,8 @@ def decode_film(path: Path, options: ReadOptions) -> NDArray[np.uint8]:
     views: NDArray[np.uint8] | None = None
     for number, frame in enumerate(read_frames(path)):
         row, column = grid.cell_of(number, shape[1], options.pattern == "serpentine")
-        views = (
-            allocator(options.scratch)(
-                (rows.stop - rows.start, columns.stop - columns.start, 3, *frame.shape[:2]), np.uint8
-            )
-            if views is None
-            else views
-        )
+        if views is None:
+            views = np.zeros((rows.stop - rows.start, columns.stop - columns.start, 3, *frame.shape[:2]), np.uint8)
         if frame.shape[:2] != views.shape[3:]:
             got = f"{views.shape[3]}x{views.shape[4]}, then {frame.shape[0]}x{frame.shape[1]}"
             raise FileError(f"{path} must hold pictures of one size", got=got, remedy="export it again")

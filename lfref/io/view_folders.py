@@ -23,7 +23,6 @@ from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError, LfrefError, counted
 from lfref.io import atomic, grid, images, ownership
 from lfref.io.options import ReadOptions
-from lfref.io.scratch import allocator
 from lfref.io.view_names import NamedFile, compiled, fields_of, fitting_option, groups_of, numbered_fields
 
 log = logging.getLogger(__name__)
@@ -191,7 +190,7 @@ def decode_folder(folder: Path, options: ReadOptions) -> NDArray:
     if others := [path for path in image_files(folder) if path not in views]:
         log.info("%s: left out, since they are no views: %s", folder, first_names(others))
     window = options.window(shape, folder)
-    return grid.gather(stored, window, images.read_image, str, allocator(options.scratch))
+    return grid.gather(stored, window, images.read_image, str)
 
 
 def first_names(paths: Sequence[Path]) -> str:

@@ -21,7 +21,6 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
-from lfref.io.scratch import Allocator
 from lfref.lightfield import LightField
 from lfref.refocus import apertures, batches
 from lfref.refocus.focus.all_in_focus import all_in_focus
@@ -31,7 +30,6 @@ from lfref.refocus.fourier.super_resolution import super_resolve
 from lfref.refocus.homography import homography, slope_homographies
 from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import reach as sum_reach
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocus.wiener import wiener
 from lfref.refocuser import filling
@@ -136,10 +134,6 @@ class Refocuser(abc.ABC):
         """Largest width in pixels of the blur of a view's cell over the planes; 0 for views of no extent."""
         return 0.0
 
-    def reach(self, slopes: Tensor, field: LightField) -> int | None:
-        """Largest distance in pixels between a pixel and the samples that it depends on; None: unlimited."""
-        return None
-
     def slopes(self, requested: Slopes | None) -> Tensor:
         """The slopes to refocus to, float64, [N].
 
@@ -210,45 +204,6 @@ def name_apart(refocusers: Iterable[Refocuser]) -> None:
         numbered = (f"{name} ({count})" for count in itertools.count(2))
         refocuser.name = next(new for new in itertools.chain([name], numbered) if new not in used)
         used.add(refocuser.name)
-
-
-def in_bands(
-    refocuser: Refocuser, field: LightField, slopes: Tensor, n_rows: int, allocate: Allocator, device: torch.device
-) -> Tensor:
-    """The stack of a light field larger than memory, refocused band by band, bit-equal to that of the whole.
-
-    Args:
-        refocuser: One with a limited `reach`.
-        field: A light field, whose views may lie on a disk.
-        slopes: Of the planes, in pixels per view step, float64, [N].
-        n_rows: Rows of pixels of a band, at least 1.
-        allocate: Allocates the stack.
-        device: Where bands are refocused.
-
-    Returns:
-        Float32, on the CPU, [N, C, H, W].
-
-    Raises:
-        InputError: A method whose reach is unlimited, or slopes that it cannot use.
-    """
-    reach = refocuser.reach(slopes, field)
-    if reach is None:
-        method = f"{refocuser.name} of samples with weights" if field.weight is not None else refocuser.name
-        raise InputError(
-            "bands are for methods whose pixels depend on those around them",
-            got=f"{method}, which looks at the whole picture",
-            remedy="take method=shift_and_sum, shift_and_sum_cubic or shift_and_sum_cubic_fill, or leave rows out",
-        )
-    height, width = field.size
-    # All bands are read with equal height, so that operators plan the same sums for each.
-    n_read = min(height, n_rows + 2 * reach)
-    stack = torch.from_numpy(allocate((len(slopes), field.views.shape[2], height, width), "float32"))
-    for first in range(0, height, n_rows):
-        last = min(first + n_rows, height)
-        top = min(max(first - reach, 0), height - n_read)
-        band = field.crop(top, 0, n_read, width).to(device)
-        stack[:, :, first:last] = refocuser(band, slopes)[:, :, first - top : last - top].cpu()
-    return stack
 
 
 Operator = Callable[..., Tensor]
@@ -334,14 +289,6 @@ class OperatorRefocuser(Refocuser):
         """As in `Refocuser`, by the operator's `fill` and `disparity`."""
         disparity = torch.as_tensor(self.options.get("disparity", 0.0), dtype=torch.float64).reshape(-1, 1)
         return float(self.options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
-
-    def reach(self, slopes: Tensor, field: LightField) -> int | None:
-        """As in `Refocuser`; None for weighted samples, since weights are compared with the picture's largest."""
-        if not self.is_local or field.weight is not None:
-            return None
-        parameters = inspect.signature(sum_reach).parameters
-        options = {name: value for name, value in self.options.items() if name in parameters}
-        return sum_reach(slopes, field.grid, positions=field.positions, **options)
 
     def window(self, light: LightField, slopes: Tensor, rows: slice, columns: slice) -> Tensor:
         """As in `Refocuser`."""

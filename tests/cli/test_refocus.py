@@ -80,31 +80,6 @@ def test_a_run_that_was_killed_goes_on_and_leaves_the_same_files(lfref, tmp_path
     assert lfref("refocus", tmp_path / "captures", f"output={out}", "overwrite=true", *QUICK)[0] == 0
 
 
-def test_bands_of_rows_make_the_same_pictures(lfref, captures, tmp_path):
-    words = ("refocus", captures / "third", "method=shift_and_sum_cubic_fill", "slopes=[-1.5,0.5]", "correct=none")
-    assert lfref(*words, f"output={tmp_path}/whole")[0] == 0
-    status, error = lfref(*words, "rows=5", f"output={tmp_path}/out")
-    assert status == 0, error
-    for name in ("planes/plane_00_slope_-1.5_alpha_0.4.png", "all_views_mean.png", "contact_sheet.png"):
-        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-    assert torch.equal(*(read_stack(tmp_path / name / "stack.exr")[0] for name in ("out", "whole")))
-    assert not [path for path in (tmp_path / "out").iterdir() if path.name.startswith("tmp")]
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("rows=8",), "rows=N, for light fields larger than memory, must neither"),
-        (("rows=8", "correct=none", "video=true"), "got video=true"),
-        (("rows=0", "correct=none"), "rows must be a number of at least 1"),
-        (("rows=8", "correct=none", "method=exact_fourier"), "got exact_fourier, which looks at the whole picture"),
-    ],
-)
-def test_what_bands_cannot_do_is_said(lfref, captures, tmp_path, words, said):
-    line = assert_one_line(*lfref("refocus", captures / "third", f"output={tmp_path}/out", *QUICK, *words))
-    assert said in line
-
-
 def test_a_run_goes_on_with_those_that_failed_and_with_new_ones(lfref, captures, tmp_path):
     assert lfref("refocus", captures, f"output={tmp_path}/out", *QUICK)[0] == 1
     for name in ("second", "fourth"):

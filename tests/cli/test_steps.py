@@ -22,7 +22,7 @@ from lfref.cli import command, steps
 from lfref.cli import config as configs
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.geometry import FocalPlanes, even_planes
-from lfref.io import images, ownership
+from lfref.io import images, memory_limit, ownership
 from lfref.io import write as writer
 from lfref.io.read import read, read_stack
 from lfref.io.write import write
@@ -314,23 +314,14 @@ def large(side, n_views):
     return LightField(torch.zeros(1).expand(n_views, n_views, 3, side, side), "large")
 
 
-def test_a_light_field_that_needs_much_memory_is_named_with_the_option_that_halves_it(settings, caplog):
-    steps.warn_of_memory(large(1500, 9), AutoPlanes(16), [SHIFTS], settings("correct=none"))
-    assert caplog.messages == ["large will take about 5.1 GB of memory; reader.views=6 takes half of it"]
-    caplog.clear()
-    steps.warn_of_memory(large(1500, 5), even_planes(64), [SHIFTS], settings("correct=none"))
-    assert "planes.n=32 takes half of it" in caplog.text
-    caplog.clear()
-    steps.warn_of_memory(large(500, 9), AutoPlanes(16), [SHIFTS], settings())
-    assert caplog.messages == []
-
-
-def test_memory_is_that_of_views_and_stacks():
-    needed = steps.estimated_memory(large(1000, 10), 16, [SHIFTS], corrects=False)
-    views, stack = 4 * 3 * 10**8, 4 * 16 * 3 * 10**6
-    assert needed == steps.PROGRAM + steps.REFOCUSING * views + 2 * stack
-    corrected = steps.estimated_memory(large(1000, 10), 16, [SHIFTS], corrects=True)
-    assert corrected - needed == pytest.approx((steps.CORRECTING - steps.REFOCUSING) * views)
+def test_a_light_field_that_does_not_fit_with_its_stacks_is_refused_by_its_size(monkeypatch):
+    monkeypatch.setattr(memory_limit, "_available", lambda: 2.6e9)
+    steps.check_memory(large(1000, 9), AutoPlanes(16), [SHIFTS])  # 2.5 GB
+    weighted = dataclasses.replace(large(1000, 9), weight=torch.ones(()).expand(9, 9, 1, 1000, 1000))
+    too_large = ((large(1000, 10), AutoPlanes(16)), (large(1000, 9), even_planes(32)), (weighted, AutoPlanes(16)))
+    for field, planes in too_large:
+        with pytest.raises(InputError, match="large and its planes must fit into memory"):
+            steps.check_memory(field, planes, [SHIFTS])
 
 
 def test_no_more_than_one_waits_between_two_steps(tmp_path):

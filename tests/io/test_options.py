@@ -31,7 +31,6 @@ WRONG = {
     "variable": [5],
     "positions": [[1, 2]],
     "spacing": [1.1, [1, "a"], [1, 2, 3], [True, 1]],
-    "scratch": [3],
     "encoding": [2.2, None],
 }
 

@@ -170,8 +170,6 @@ def test_a_grid_is_taken_row_by_row_or_on_a_serpentine_path(tmp_path, options, t
     np.testing.assert_allclose(field.views.numpy(), np.array(views).transpose(0, 1, 4, 2, 3) / 255, atol=1e-6)
     window = read.read(path, grid=(3, 4), views=2, start=1, encoding="none", **options)
     assert window.views.equal(field.views[1:3, 1:3])
-    scratch = read.read(path, grid=(3, 4), scratch=tmp_path, encoding="none", **options)
-    assert scratch.views.equal(field.views)
 
 
 def test_a_film_that_looks_like_a_grid_is_no_row_without_a_word(tmp_path, one_line):
