@@ -102,10 +102,9 @@ lint: install
 site: install
 	$(BIN)/mkdocs build --strict
 
-# Triton's interpreter runs the GPU's kernel on the CPU, line by line; Mitsuba renders what the simulator is checked by;
-# `export` runs ONNX files; `dashboard` specifies panels.
+# Mitsuba renders what the simulator is checked by; `export` runs ONNX files; `dashboard` specifies panels.
 $(VENV)/checks: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[triton,mitsuba,export,dashboard]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[mitsuba,export,dashboard]'
 	touch $@
 
 test: lint site $(VENV)/checks

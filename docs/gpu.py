@@ -72,7 +72,7 @@ TRIAL = Size(
         "net.n_blocks=2",
         "net.stem_width=9",
     ),
-    tests=("tests/refocus/shift/test_shift_triton.py",),
+    tests=("tests/refocus/shift",),
     bench={
         "operators": SMALL,
     },

@@ -31,7 +31,6 @@ from lfref import geometry
 from lfref.io import images
 from lfref.refocus import apertures
 from lfref.refocus.focus.all_in_focus import index_to_slope
-from lfref.refocus.homography import plane_homographies
 from lfref.refocus.shift.shift_and_sum import coverage
 from lfref.report import drawing, pictures, results, tables
 
@@ -156,7 +155,7 @@ def per_pixel() -> Figure:
 def homography() -> Figure:
     """The page again, seen by cameras that look anyhow."""
     views, cameras = scenes.turned(scenes.slanted_page())
-    matrices = plane_homographies(cameras, scenes.pinhole(), scenes.page_plane(), scenes.SIZE)
+    matrices = scenes.plane_homographies(cameras, scenes.pinhole(), scenes.page_plane())
     refocused = lfref.homography(views, matrices)[0]
     return sheets.sheet([("one view", views[1, 5]), ("tilt_shift", _along_the_page(views)), ("homography", refocused)])
 

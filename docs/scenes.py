@@ -6,6 +6,7 @@ Letters: `v u` view row and column, `x y` pixel column and row, `f c b` as in `t
 import functools
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import torch
 from matplotlib.figure import Figure
@@ -13,7 +14,6 @@ from torch import Tensor
 
 import lfref
 from lfref import geometry
-from lfref.refocus.homography import PinholeCameras
 from lfref.simulator import simulate
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc, Polygon
@@ -82,7 +82,32 @@ def slanted_page() -> Tensor:
     return _views(CAMERA, Surface(Plane(0.0, (0.0, SLANT)), _page(TEXT, (SIZE[1], SIZE[0]), 10)))
 
 
-def turned(views: Tensor) -> tuple[Tensor, PinholeCameras]:
+class Cameras(NamedTuple):
+    """Pinhole cameras: a world point X is at pixel K (R X + t), homogeneous."""
+
+    intrinsics: Tensor
+    """K in pixels, float64, [..., 3, 3]."""
+    rotation: Tensor
+    """R from world to camera axes, float64, [..., 3, 3]."""
+    translation: Tensor
+    """t in world units, float64, [..., 3]."""
+
+
+def plane_homographies(cameras: Cameras, reference: Cameras, planes: Tensor) -> Tensor:
+    """Homographies that planes n.X = d (n_x, n_y, n_z, d), [N, 4], induce between a reference picture and each view.
+
+    A pixel p at depth z is X = centre + z to_ray p. On the plane 1/z = q.p is linear in p: the homography.
+    """
+    to_ray = reference.rotation.mT @ torch.linalg.inv(reference.intrinsics)
+    centre = -reference.rotation.mT @ reference.translation
+    normals, distances = planes.double()[:, :3], planes.double()[:, 3]
+    inverse_depth = normals @ to_ray / (distances - normals @ centre)[:, None]
+    inverse_depth = inverse_depth.reshape(-1, *(1 for _ in cameras.intrinsics.shape[:-2]), 1, 3)
+    turned, offset = cameras.rotation @ to_ray, cameras.rotation @ centre + cameras.translation
+    return cameras.intrinsics @ (turned + offset[..., None] * inverse_depth)
+
+
+def turned(views: Tensor) -> tuple[Tensor, Cameras]:
     """The views of the page as cameras see it that are each turned a little, and these cameras.
 
     A pinhole of focal length f that stands at (-p, -q, 0) and whose picture goes back by c p sees the depth Z at the
@@ -102,15 +127,15 @@ def turned(views: Tensor) -> tuple[Tensor, PinholeCameras]:
         for v in range(GRID[0])
         for u in range(GRID[1])
     ]
-    cameras = PinholeCameras(intrinsics, rotation, (rotation @ places[..., None])[..., 0])
+    cameras = Cameras(intrinsics, rotation, (rotation @ places[..., None])[..., 0])
     return torch.stack(turned_views).unflatten(0, GRID), cameras
 
 
-def pinhole() -> PinholeCameras:
+def pinhole() -> Cameras:
     """The camera in the middle, not turned."""
     height, width = SIZE
     intrinsics = [[FOCAL, 0, (width - 1) / 2], [0, FOCAL, (height - 1) / 2], [0, 0, 1]]
-    return PinholeCameras(torch.tensor(intrinsics, dtype=torch.float64), torch.eye(3), torch.zeros(3))
+    return Cameras(torch.tensor(intrinsics, dtype=torch.float64), torch.eye(3).double(), torch.zeros(3).double())
 
 
 def page_plane() -> Tensor:

@@ -2,7 +2,7 @@
 
 `<A views, stack> = <views, A* stack>`, as iterative reconstruction needs it: a light field from its focal stack by
 least squares (`views += step * A*(measured - A views)`), or the normal equations of any fit to a stack.
-It stands alone for users of solvers: nothing else in lfref calls it but `deepinv_physics`, which needs deepinv.
+It stands alone for users of solvers: nothing else in lfref calls it.
 """
 
 import math

@@ -7,7 +7,6 @@ a line of its own.
 Letters: `v u` camera position downwards and to the right, in view steps; `R` lines, `M` views of each.
 """
 
-import importlib.util
 from typing import Any, NamedTuple
 
 import torch
@@ -18,15 +17,13 @@ from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.lightfield import check_axes
 
-COMPILERS = {"cpu": "numba"} | ({"cuda": "triton"} if importlib.util.find_spec("triton") else {})
-"""The compiler that serves each type of device."""
 FULL_SCALE = {torch.uint8: 255, torch.uint16: 65535}
 """Integer types that views may have, and the integer that is radiance 1."""
 
 
-def compiler_for(*tensors: Tensor) -> str | None:
-    """`numba` or `triton` where compiled loops can serve for tensors on one device, None where PyTorch has to."""
-    return COMPILERS.get(tensors[0].device.type) if all(map(is_plain, tensors)) else None
+def is_compiled(*tensors: Tensor) -> bool:
+    """Whether compiled loops can serve for tensors; else PyTorch has to."""
+    return tensors[0].device.type == "cpu" and all(map(is_plain, tensors))
 
 
 def is_plain(tensor: Tensor) -> bool:

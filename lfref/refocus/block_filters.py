@@ -219,7 +219,7 @@ def filtered(field: Tensor, items: Items) -> Tensor:
 
     Beyond the border, the outermost pixels are repeated.
     """
-    if batches.compiler_for(field) == "numba":
+    if batches.is_compiled(field):
         return _by_loop(field, items)
     return _by_torch(field, items)
 

@@ -173,7 +173,7 @@ def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | No
     """
     places = place(widths.to(stack.dtype).square())
     covered = coverage.to(stack) if border.counts_only_samples and coverage is not None else None
-    if batches.compiler_for(stack, places) == "numba":
+    if batches.is_compiled(stack, places):
         return blurred_numba(stack, places, border, covered)
     planes = []
     for n, own in enumerate(places.unbind(1)):

@@ -3,12 +3,10 @@
 A plane of the scene maps the pixels of one pinhole camera onto those of another by a homography; the mean of the views
 after these maps is sharp on that plane. There is no `fill` here: cameras need not stand on a grid, so that views have
 no cells, and a plane's homographies say nothing of light from other depths.
-Letters: `u v` view column and row, `x y w` homogeneous pixel, `K R t` camera, `n d` the plane n.X = d, `s` slope.
+Letters: `u v` view column and row, `x y w` homogeneous pixel, `s` slope.
 Sources: Isaksen et al., "Dynamically reparameterized light fields", 2000; Vaish et al., "Using plane + parallax for
 calibrating dense camera arrays", 2004.
 """
-
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -18,9 +16,6 @@ from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.gather import ViewMap, mean_of_views
-
-NOT_A_ROTATION = 1e-4
-"""Error of R'R that rounding to a few digits in a calibration file explains."""
 
 
 def homography(
@@ -100,86 +95,6 @@ def slope_homographies(slopes: Slopes, grid: tuple[int, int], positions: Tensor 
     matrices = torch.eye(3, dtype=torch.float64).repeat(len(planes), *grid, 1, 1)
     matrices[..., 0, 2], matrices[..., 1, 2] = planes * columns, planes * rows
     return matrices
-
-
-@dataclass(frozen=True, eq=False)
-class PinholeCameras:
-    """Calibrated pinhole cameras: a world point X is at pixel K (R X + t), homogeneous."""
-
-    intrinsics: Tensor
-    """K in pixels, (0, 0) the centre of the top left pixel, last row (0, 0, 1), float64, [..., 3, 3]."""
-    rotation: Tensor
-    """R from world to camera axes (x to the right, y downwards, z forwards), float64, [..., 3, 3]."""
-    translation: Tensor
-    """t in world units, float64, [..., 3]."""
-
-    def __post_init__(self) -> None:
-        for name, shape in (("intrinsics", (3, 3)), ("rotation", (3, 3)), ("translation", (3,))):
-            value = torch.as_tensor(getattr(self, name), dtype=torch.float64)
-            object.__setattr__(self, name, value)
-            expected = (*self.grid, *shape)
-            if value.shape != expected or not bool(value.isfinite().all()):
-                raise InputError(f"{name} must be finite, {list(expected)}", got=f"shape {list(value.shape)}")
-        intrinsics, rotation = self.intrinsics.detach(), self.rotation.detach()
-        if not bool((intrinsics[..., 2, :] == intrinsics.new_tensor([0, 0, 1])).all()):
-            raise InputError(
-                "the last row of the intrinsics must be (0, 0, 1)", remedy="divide the matrix by its last entry"
-            )
-        if not _are_invertible(intrinsics):
-            raise InputError("intrinsics must be invertible", got="a singular matrix", remedy="check the focal lengths")
-        error = float((rotation.mT @ rotation - torch.eye(3).to(rotation)).abs().max())
-        determinant = float(torch.linalg.det(rotation).min())
-        if error > NOT_A_ROTATION or determinant < 0:
-            raise InputError(
-                "rotation must be orthonormal, without scale or mirror",
-                got=f"R'R - 1 of up to {error:g}, determinants from {determinant:g}",
-            )
-
-    @property
-    def grid(self) -> tuple[int, ...]:
-        """Leading dimensions: (V, U) for the cameras of a light field, () for a single one."""
-        return tuple(self.intrinsics.shape[:-2])
-
-
-def plane_homographies(
-    cameras: PinholeCameras, reference: PinholeCameras, planes: Tensor, size: tuple[int, int]
-) -> Tensor:
-    """Homographies that planes of the scene induce between a reference picture and each view.
-
-    Args:
-        cameras: The views' cameras, [V, U].
-        reference: The camera of the refocused picture, real or not, a single one.
-        planes: Planes n.X = d in world coordinates as (n_x, n_y, n_z, d), [N, 4].
-        size: Height and width (H, W) of the picture in pixels.
-
-    Returns:
-        Matrices for `homography`, float64, [N, V, U, 3, 3].
-
-    Raises:
-        InputError: Shapes that do not fit, or a plane that is not in front of the reference over the whole picture.
-    """
-    if reference.grid != ():
-        raise InputError("the reference must be a single camera", got=f"cameras {list(reference.grid)}")
-    to_ray = reference.rotation.mT @ torch.linalg.inv(reference.intrinsics)
-    centre = -reference.rotation.mT @ reference.translation
-    values = torch.as_tensor(planes, dtype=torch.float64, device=to_ray.device)
-    if values.ndim != 2 or values.shape[-1] != 4 or len(values) == 0 or not bool(values.isfinite().all()):
-        raise InputError("planes must be finite, [N, 4]: a normal and a distance", got=f"shape {list(values.shape)}")
-    # A pixel p at depth z is X = centre + z to_ray p. On the plane 1/z = q.p is linear in p: the homography.
-    normals, distances = values[:, :3], values[:, 3]
-    inverse_depth = normals @ to_ray / (distances - normals @ centre)[:, None]
-    corners = [[x, y, 1.0] for x in (0, size[1] - 1) for y in (0, size[0] - 1)]
-    nearness = inverse_depth.detach() @ inverse_depth.new_tensor(corners).mT
-    # Beyond its horizon a plane lies behind reference and view alike: w is above 0 there and would show a ghost.
-    if not bool(((nearness > 0) & nearness.isfinite()).all()):
-        raise InputError(
-            "planes must lie in front of the reference camera over the whole picture",
-            got=f"an inverse depth of {float(nearness.min()):g} in a corner",
-            remedy="check the sign of the distance, or point the reference away from the plane's horizon",
-        )
-    inverse_depth = inverse_depth.reshape(-1, *(1 for _ in cameras.grid), 1, 3)
-    turned, offset = cameras.rotation @ to_ray, cameras.rotation @ centre + cameras.translation
-    return cameras.intrinsics @ (turned + offset[..., None] * inverse_depth)
 
 
 def _are_invertible(matrices: Tensor) -> bool:

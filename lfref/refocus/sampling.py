@@ -20,10 +20,6 @@ from torch.nn import functional as F
 from lfref.functional import splines
 from lfref.functional.loops import LANES, compiled
 
-LEFT_OUT, REPLICATED, BLACK, PERIODIC = range(4)
-"""Numbers of the border rules in compiled loops."""
-NEAREST, LINEAR, CUBIC = range(3)
-"""Numbers of the interpolations in compiled loops."""
 ON_VIEW = 1e-9
 """Pixels beyond the outermost sample that still count as on it: what rounding of float64 positions can add, with room
 for any size of picture, and far below what can be seen."""
@@ -43,8 +39,6 @@ class Border(NamedTuple):
     """(index, weight, length of the axis) -> a tap that exists."""
     counts_only_samples: bool = False
     """Samples beyond the edge are left out of the mean instead of replaced."""
-    number: int | None = None
-    """Of the rule in compiled loops; None: PyTorch serves it."""
 
     @property
     def is_periodic(self) -> bool:
@@ -79,10 +73,10 @@ def _periodic(index: Tensor, weight: Tensor, length: int) -> Tap:
 
 
 BORDERS: dict[str, Border] = {
-    "renormalize": Border("replicate", _replicated, counts_only_samples=True, number=LEFT_OUT),
-    "edge": Border("replicate", _replicated, number=REPLICATED),
-    "zero": Border("constant", _black, number=BLACK),
-    "wrap": Border("circular", _periodic, number=PERIODIC),
+    "renormalize": Border("replicate", _replicated, counts_only_samples=True),
+    "edge": Border("replicate", _replicated),
+    "zero": Border("constant", _black),
+    "wrap": Border("circular", _periodic),
 }
 
 
@@ -95,8 +89,6 @@ class Interpolation(NamedTuple):
     """Samples before that one where the weights begin."""
     rounds: bool = False
     """Positions are rounded to whole samples first, halves upwards."""
-    number: int | None = None
-    """Of the interpolation in compiled loops; None: PyTorch serves it."""
 
     def snap(self, position: float) -> float:
         """The position that is read instead of a requested one."""
@@ -110,9 +102,9 @@ class Interpolation(NamedTuple):
 
 
 INTERPOLATIONS: dict[str, Interpolation] = {
-    "nearest": Interpolation(lambda t: (1 - t,), rounds=True, number=NEAREST),
-    "linear": Interpolation(lambda t: (1 - t, t), number=LINEAR),
-    "cubic": Interpolation(splines.weights, before=1, number=CUBIC),
+    "nearest": Interpolation(lambda t: (1 - t,), rounds=True),
+    "linear": Interpolation(lambda t: (1 - t, t)),
+    "cubic": Interpolation(splines.weights, before=1),
     "exact": Interpolation(None),
 }
 """`exact` is trigonometric (Fourier) interpolation, which moves a whole view by one distance."""

@@ -70,7 +70,7 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior | None = None, weights: T
     # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
     margin = fft_lengths.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
     side = _side(margin, size)
-    by_loop = batches.compiler_for(batch) == "numba"
+    by_loop = batches.is_compiled(batch)
     stacks = []
     for field in [batch] if prior else batch.split(1):  # without a prior, each light field has its own
         known = prior or prior_of_map(coarse_disparity(field[0]))

@@ -172,7 +172,7 @@ def solve(spectra: Tensor, matrices: Matrices, diagonal: Tensor) -> Tensor:
 
 
 def _serve_loops(spectra: Tensor, matrices: Matrices) -> bool:
-    return batches.compiler_for(spectra) == "numba" and not matrices.rows.is_complex()
+    return batches.is_compiled(spectra) and not matrices.rows.is_complex()
 
 
 def _by_loop(loop: Callable[..., None], spectra: Tensor, matrices: Matrices, *more: np.ndarray) -> Tensor:

@@ -3,7 +3,7 @@
 `I_s(x, y) = sum_uv w_uv L[v, u](x + s (u - u0), y + s (v - v0)) / sum_uv w_uv`, over views that have a sample there.
 The shift is separable, so each plane takes a horizontal pass over every view row and one vertical pass. The plane may
 then be seen through cells instead of points of the aperture: see `footprint`. This module checks the arguments and
-chooses who computes: `shift_numba`, `shift_triton` or `shift_torch`, all by one `shift_plan`.
+chooses who computes: `shift_numba` or `shift_torch`, both by one `shift_plan`.
 
 `shift_and_sum_through_cells` chooses cells by the scene: nearly the picture of the slow methods, at twice linear's
 time. In planes beyond the disparities of the scene all is blurred, and a sum of points would show copies. There each
@@ -159,16 +159,11 @@ def planned_stack(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tens
     """
     aperture = torch.tensor(plan.aperture)
     views = batches.without_unread(views.reshape(len(views), *aperture.shape, *views.shape[3:]), aperture)
-    compiler = batches.compiler_for(views) if plan.interpolation.weights is not None else None
-    # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
-    if compiler == "numba":
+    if plan.interpolation.weights is not None and batches.is_compiled(views):
+        # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
         from lfref.refocus.shift import shift_numba
 
         return shift_numba.shift_and_sum(views, plan, room)
-    if compiler == "triton" and plan.is_separable:
-        from lfref.refocus.shift import shift_triton
-
-        return plan.window.of(shift_triton.shift_and_sum(views, plan))
     return plan.window.of(shift_torch.shift_and_sum(views, plan))
 
 

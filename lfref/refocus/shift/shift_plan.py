@@ -1,4 +1,4 @@
-"""What shift-and-sum has to compute for some planes, apart from the views: one plan for PyTorch, Numba and Triton.
+"""What shift-and-sum has to compute for some planes, apart from the views: one plan for PyTorch and Numba.
 
 Letters: `v u` view row and column, `s` slope in pixels per view step, `R M` lines of views and views in each
 (`batches.lines`).
