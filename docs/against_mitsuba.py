@@ -8,20 +8,20 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+import mitsuba_scenes
 import sheets
 import simulator_pictures
 from matplotlib.figure import Figure
+from mitsuba_scenes import SCENES, SIZE, SLOPES, VIEWS, apart_from_edges
 from torch import Tensor
 
 import lfref
 from lfref.functional.psnr import psnr
-from lfref.simulator import mitsuba_scenes
-from lfref.simulator.mitsuba_scenes import SCENES, SIZE, SLOPES, VIEWS, apart_from_edges
 from lfref.simulator.scene import Scene
 
 IS_INSTALLED = importlib.util.find_spec("mitsuba") is not None
 if IS_INSTALLED:
-    from lfref.simulator.mitsuba_scenes import MitsubaScene
+    from mitsuba_scenes import MitsubaScene
 TWO_NOISES = 10 * math.log10(2)
 """Decibels by which two noisy pictures differ more from each other than each from what it should be."""
 

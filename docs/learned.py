@@ -132,7 +132,7 @@ def _rival_and_network(scene: sim30.Scene, slopes: Tensor) -> Tensor:
 
 def paths() -> Iterator[str]:
     """Gain on views and pictures that Mitsuba traced, by scene and slope."""
-    from lfref.simulator.mitsuba_scenes import SCENES, SLOPES, MitsubaScene
+    from mitsuba_scenes import SCENES, SLOPES, MitsubaScene
 
     yield f"| scene | {' | '.join(f'slope {slope:g}' for slope in SLOPES)} |"
     yield f"|---|{'---|' * len(SLOPES)}"

@@ -2,7 +2,7 @@
 
 They stand for the photographs and synthetic benchmarks that the simulator's layers do not resemble: shading moves
 otherwise than the surface, shadows fall on textured walls, and nothing is flat. The cameras are those of
-`lfref.simulator.mitsuba_scenes`: a point at distance Z has disparity `FOCAL / Z - SHIFT`.
+`mitsuba_scenes`: a point at distance Z has disparity `FOCAL / Z - SHIFT`.
 """
 
 import importlib

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import wandb
 import wandb_workspaces.reports.v2 as wr
 import wandb_workspaces.workspaces as ws
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
-from lfref.cli import arguments, loggers
 from lfref.cli import config as configs
+from lfref.cli import loggers
 from lfref.cli.command import command, log
 from lfref.cli.steps import fixed_planes
 from lfref.errors import InputError, first_line
@@ -161,9 +161,8 @@ def _options(config: DictConfig) -> list[str]:
     """The options to compare runs by."""
     given = configs.plain(config.options)
     if given is None:
-        folder = configs.directory("sweeps")
-        words = [word for path in sorted(folder.glob("*.yaml")) for word in arguments.overrides(path.stem, folder)]
-        return list(dict.fromkeys([*(word.partition("=")[0] for word in words), LEARNING_RATE_OPTION]))
+        sweeps = map(OmegaConf.load, sorted(configs.directory("sweeps").glob("*.yaml")))
+        return list(dict.fromkeys([*(name for sweep in sweeps for name in sweep.parameters), LEARNING_RATE_OPTION]))
     if not isinstance(given, list) or not given or not all(OPTION.fullmatch(str(option)) for option in given):
         raise InputError("options must be a list of options such as [net.activation]", got=repr(given))
     return [str(option) for option in given]

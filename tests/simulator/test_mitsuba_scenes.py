@@ -1,16 +1,20 @@
 """Views and truth against Mitsuba 3, which traces paths through the same camera and shares no code with ours."""
 
 import functools
+import importlib
+import sys
 
 import pytest
 
 import lfref
+from tests.conftest import ROOT
 from tests.simulator.drawing import psnr
 
 pytest.importorskip("mitsuba", reason="the extra `mitsuba` is not installed, or has no wheel for this machine")
-
-from lfref.simulator import mitsuba_scenes
-from lfref.simulator.mitsuba_scenes import SCENES, SLOPES, VIEWS, MitsubaScene, apart_from_edges
+sys.path.append(str(ROOT / "docs"))
+mitsuba_scenes = importlib.import_module("mitsuba_scenes")
+SCENES, SLOPES, VIEWS = mitsuba_scenes.SCENES, mitsuba_scenes.SLOPES, mitsuba_scenes.VIEWS
+MitsubaScene, apart_from_edges = mitsuba_scenes.MitsubaScene, mitsuba_scenes.apart_from_edges
 
 # Measured: 50 dB at least, where edges cut through pixels and where Mitsuba's pictures are noisy; else 69.8.
 AT_LEAST = 47.0
