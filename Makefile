@@ -12,7 +12,7 @@ DEMO_TEXT = refnet_demo is a small RefNet that learned for half a minute on 80 s
 of the paper refocuses, not how well it can: method=refnet is one that learned for longer.
 # Methods of `lfref bench` that the demo leaves out, to be short.
 SLOW = $(foreach name,shift_and_sum_nearest shift_and_sum_cubic shift_and_sum_exact fourier_slice_linear \
-	shift_and_sum_fill shift_and_sum_cubic_fill exact_fourier_fill disparity_layers wiener,~methods.$(name))
+	shift_and_sum_fill shift_and_sum_cubic_fill exact_fourier_fill disparity_layers,~methods.$(name))
 # More arguments for pip, for example PIP_ARGS="--extra-index-url https://download.pytorch.org/whl/cpu".
 PIP_ARGS ?=
 

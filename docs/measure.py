@@ -106,7 +106,7 @@ def wide() -> Iterator[str]:
     rows = tables.read_table(RUNS / "bench" / "evaluation.csv")
     rows = rows[rows["class"] == WIDE]
     methods = [
-        *("shift_and_sum_through_cells", "disparity_layers", "wiener", "separable_wiener"),
+        *("shift_and_sum_through_cells", "disparity_layers", "separable_wiener"),
         *("occlusion_aware", "learned"),
     ]
     counted = rows.assign(psnr_db=rows["psnr_db"].clip(upper=MEAN_CAP_DB))

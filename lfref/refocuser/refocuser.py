@@ -16,22 +16,16 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
 from lfref.lightfield import LightField
 from lfref.refocus import apertures, batches
-from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
-from lfref.refocus.fourier.super_resolution import super_resolve
-from lfref.refocus.homography import homography, slope_homographies
 from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
-from lfref.refocus.wiener import wiener
 from lfref.refocuser import filling
 
 Aperture = Callable[[Sequence[int]], Tensor]
@@ -322,11 +316,7 @@ class OperatorRefocuser(Refocuser):
         is_trusted = filling.trusted(weight)
         if bool(is_trusted.any(-5).any(-4).all()):
             return stack
-        # The stack may be finer than the views, or a single picture.
         share = shift_and_sum(is_trusted.to(weight), slopes, positions=options.get("positions"))
-        if stack.shape[-4] != share.shape[-4]:
-            share = share.amax(-4, keepdim=True)
-        share = F.interpolate(share.flatten(0, -4), stack.shape[-2:], mode="bilinear").unflatten(0, share.shape[:-3])
         return torch.where(share > filling.LEAST * share.amax((-3, -2, -1), keepdim=True), stack, 0.0)
 
     def _through_views(
@@ -347,26 +337,11 @@ class OperatorRefocuser(Refocuser):
         return self.operator(views, slopes, **options | {"weights": weights})
 
 
-def even_stack(views: Tensor, slopes: Tensor) -> Tensor:
-    """The focal stack transform: as many planes, evenly spaced between the least and the largest slope."""
-    return focal_stack_transform(views, len(slopes), float(slopes.min()), float(slopes.max()))
-
-
-def coplanar_homography(views: Tensor, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-    """Shift-and-sum written as one homography for each view and plane."""
-    return homography(views, slope_homographies(slopes, (views.shape[-5], views.shape[-4]), positions))
-
-
-def focus(views: Tensor, slopes: Tensor) -> Tensor:
-    """The all-in-focus picture of a linear shift-and-sum, as a stack of one plane."""
-    return all_in_focus(shift_and_sum(views, slopes)).image.unsqueeze(-4)
-
-
 AT_ONCE = 2**26
 """Samples that are weighted at once, 256 MB: 9x9 views of 380x550 pixels in three channels are fewer."""
-SYMMETRIC: frozenset[Operator] = frozenset({wiener, separable_wiener, occlusion_aware, occlusion_aware_parts})
+SYMMETRIC: frozenset[Operator] = frozenset({separable_wiener, occlusion_aware, occlusion_aware_parts})
 """Operators whose weights of views must be symmetric about both axes."""
 PREDICTING: frozenset[Operator] = SYMMETRIC | {refocus_by_layers}
 """Operators that estimate the record of the whole aperture: missing views are predicted for them."""
-COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells, super_resolve, focus}
+COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells}
 """Operators that compare the views before they sum them, which weighted views would mislead."""

@@ -77,13 +77,6 @@ def test_methods_and_references_that_are_null_are_left_out(lfref, captures, tmp_
     assert set(table["reference"]) == {"fourier_slice"}
 
 
-def test_a_method_of_another_size_is_named_and_leaves_no_rows(lfref, captures, tmp_path):
-    words = ("eval", f"input={captures}/third", "+method@methods.fine=super_resolve", "+method@methods.s=shift_and_sum")
-    line = assert_one_line(*lfref(*words, *QUICK, f"output={tmp_path}/out"))
-    assert "super_resolve must make pictures of " in line
-    assert not (tmp_path / "out" / "summary.csv").exists()
-
-
 def test_nothing_but_null_to_evaluate_is_one_line(lfref, captures, tmp_path):
     words = ("methods.shift_and_sum_through_cells=null", "methods.mean_of_views=null", f"output={tmp_path}/out", *QUICK)
     assert "there must be something to evaluate" in assert_one_line(*lfref("eval", captures / "third", *words))

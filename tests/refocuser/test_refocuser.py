@@ -15,18 +15,13 @@ from lfref.refocus import apertures, batches
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
-from lfref.refocus.fourier.super_resolution import super_resolve
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
-from lfref.refocus.wiener import wiener
 from lfref.refocuser.refocuser import (
     OperatorRefocuser,
     Refocuser,
     check_for_network,
-    coplanar_homography,
-    even_stack,
-    focus,
     name_apart,
 )
 from lfref.simulator import sim30
@@ -44,9 +39,7 @@ EVERY = {
     "layers": refocus_by_layers,
     "aware": occlusion_aware,
     "separable": separable_wiener,
-    "finer": super_resolve,
     "slice": fourier_slice,
-    "wiener": wiener,
 }
 
 
@@ -269,25 +262,6 @@ def test_an_aperture_weighs_the_views_of_any_grid():
         assert torch.equal(refocuser(views, FOCI), expected)
 
 
-def test_even_stack_fills_the_span_of_the_slopes():
-    views = torch.rand(2, 3, 3, 1, 12, 13, dtype=torch.float64)
-    stack, slopes = even_stack(views, torch.tensor([0.6, -1.0, 0.0])), [-1.0, -0.2, 0.6]
-    torch.testing.assert_close(stack, exact_fourier(views, slopes), atol=1e-6, rtol=0)
-
-
-def test_coplanar_homographies_are_shift_and_sum():
-    views = torch.rand(3, 4, 2, 12, 13, dtype=torch.float64)
-    stack = coplanar_homography(views, FOCI)
-    torch.testing.assert_close(stack, shift_and_sum(views, FOCI), atol=1e-12, rtol=0)
-
-
-def test_focus_takes_every_pixel_from_one_of_the_planes():
-    views = torch.rand(2, 3, 3, 1, 12, 13)
-    picture, stack = focus(views, FOCI), shift_and_sum(views, FOCI)
-    assert picture.shape == (2, 1, 1, 12, 13)
-    assert bool((picture == stack).any(dim=1).all())
-
-
 def test_an_operator_without_weights_works_at_full_aperture_only():
     def mean(views, slopes):
         return views.mean((-5, -4)).unsqueeze(-4).expand(*views.shape[:-5], len(slopes), *views.shape[-3:])
@@ -339,12 +313,12 @@ def test_what_a_missing_view_holds_is_never_seen(name, holes):
     refocuser = OperatorRefocuser(name, EVERY[name])
     stack = refocuser(black, [-1.2, 0.5])
     torch.testing.assert_close(refocuser(wild, [-1.2, 0.5]), stack, atol=1e-9, rtol=0)
-    border = 16 if name == "finer" else 8
+    border = 8
     difference = stack - refocuser(whole, [-1.2, 0.5])
     assert float(difference[1, :, border:-border, border:-border].abs().max()) < 0.05
 
 
-@pytest.mark.parametrize("name", ["sum", "exact", "cells", "finer", "slice"])
+@pytest.mark.parametrize("name", ["sum", "exact", "cells", "slice"])
 def test_weights_of_whole_views_are_an_aperture(name):
     views, weights = torch.rand(5, 4, 3, 20, 24), torch.rand(5, 4)
     weights[1, 2] = 0
@@ -363,7 +337,7 @@ def test_views_that_all_weigh_the_same_are_as_if_they_had_no_weights(name):
     assert torch.equal(OperatorRefocuser(name, EVERY[name])(sampled, [0.3]), EVERY[name](views, [0.3]))
 
 
-@pytest.mark.parametrize("name", ["wiener", "separable", "aware"])
+@pytest.mark.parametrize("name", ["separable", "aware"])
 def test_views_of_some_weight_are_read_as_they_are_by_methods_of_symmetric_weights(name):
     views, weights = torch.rand(5, 5, 3, 40, 44), torch.ones(5, 5)
     weights[0, 1] = 0.5
@@ -374,7 +348,7 @@ def test_views_of_some_weight_are_read_as_they_are_by_methods_of_symmetric_weigh
     assert torch.equal(refocuser(sampled, [0.4]), expected)
 
 
-@pytest.mark.parametrize("name", ["cells", "layers", "aware", "finer"])
+@pytest.mark.parametrize("name", ["cells", "layers", "aware"])
 def test_methods_that_look_take_samples_of_some_weight_as_they_are(name):
     views, weight = torch.rand(5, 5, 3, 40, 44), 0.3 + 0.7 * torch.rand(5, 5, 1, 40, 44)
     stack = OperatorRefocuser(name, EVERY[name])(LightField(views, weight=weight), [0.4])
@@ -419,7 +393,7 @@ def test_weighted_samples_of_cameras_anywhere_are_their_weighted_mean():
     torch.testing.assert_close(stack, total / share, atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize("name", ["layers", "aware", "finer", "slice"])
+@pytest.mark.parametrize("name", ["layers", "aware", "slice"])
 def test_methods_of_even_grids_name_others_for_cameras_elsewhere(name):
     uneven = LightField(torch.rand(3, 3, 3, 14, 15), positions=batches.even((3, 3)) * 1.2)
     with pytest.raises(InputError, match=f"{name} needs cameras on an even grid; .* take method=shift_and_sum"):
@@ -451,7 +425,7 @@ def test_at_black_corners_pictures_stay_within_what_the_views_show(name, slope):
     assert float((stack == 0).double().mean()) < 0.1
 
 
-@pytest.mark.parametrize("name", ["cells", "layers", "aware", "finer"])
+@pytest.mark.parametrize("name", ["cells", "layers", "aware"])
 def test_blurs_mix_in_nothing_from_black_corners(name):
     level = torch.full((5, 5, 3, 44, 48), 0.4, dtype=torch.float64)
     stack = OperatorRefocuser(name, EVERY[name])(with_black_corners(level), [-3.0, 0.1])
@@ -464,14 +438,6 @@ def test_a_trace_of_weight_that_interpolation_leaves_shows_nothing():
     for name in ("cells", "cubic"):
         refocuser = OperatorRefocuser(name, ROUNDED[name])
         torch.testing.assert_close(refocuser(leaky, [0.03]), refocuser(light, [0.03]), atol=1e-4, rtol=0)
-
-
-def test_pictures_sharp_everywhere_are_black_only_in_black_corners():
-    light = with_black_corners(torch.rand(5, 5, 3, 44, 48, dtype=torch.float64))
-    picture = OperatorRefocuser("focus", focus)(light, [-1.0, 0.0, 1.0])
-    assert picture.shape == (1, 3, 44, 48)
-    assert not picture[..., :4, :4].any()
-    assert bool((picture[..., 20:, 20:] > 0).all())
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,6 @@ from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
 from lfref.refocus.focus.slope_range import DisparityRange, scene_range
-from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.shift import shift_plan, shift_torch
 from lfref.refocus.shift.shift_plan import Plan, Window
 
@@ -43,7 +42,6 @@ def shift_and_sum(
     weights: Tensor | None = None,
     fill: float = 0.0,
     disparity: float | Tensor = 0.0,
-    out: Tensor | None = None,
     positions: Tensor | None = None,
     window: tuple[slice, slice] | None = None,
 ) -> Tensor:
@@ -59,8 +57,6 @@ def shift_and_sum(
             over the aperture.
         disparity: Of the scene, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
             one for each light field, [..., H, W].
-        out: A stack to write into, contiguous, with the shape, type and device of the result and memory of its own;
-            None makes one. Memory that is used again saves about a sixth of the time.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
         window: Rows and columns of the result that are needed, without steps; None: all. A part takes a part of the
             time on the CPU, where cells are points.
@@ -70,8 +66,7 @@ def shift_and_sum(
         their window. A pixel that no weighted view covers (see `coverage`) is 0.
 
     Raises:
-        InputError: Views, slopes, weights, cells, positions, names or a window that cannot be used, or a stack that
-            cannot be written into.
+        InputError: Views, slopes, weights, cells, positions, names or a window that cannot be used.
 
     Example:
         >>> views = torch.rand(7, 7, 3, 48, 64)
@@ -85,18 +80,13 @@ def shift_and_sum(
     part = Window(0, 0, *size) if window is None else _checked_window(window, size)
     summed = Window(0, 0, *size) if cell.fill > 0 else part
     plan = shift_plan.plan(planes, grid, size, interpolation, border, weights, widths, positions, summed)
-    if out is not None:
-        _check_out(out, views, len(planes), part)
-    room = None if out is None or summed != part else out.reshape(-1, *out.shape[-4:])
-    stack = planned_stack(batch, plan, room)
+    stack = planned_stack(batch, plan)
     if widths is None and cell.fill > 0:
         covered = torch.stack([plan.coverage(shifts) for shifts in plan.planes])
         stack = footprint.blurred(stack, cell.widths(planes), plan.border, covered)
     if summed != part:
         stack = part.of(stack)
-    if out is None:
-        return batches.restored(stack, views)
-    return out if stack is room else out.copy_(batches.restored(stack, views))
+    return batches.restored(stack, views)
 
 
 def coverage(
@@ -125,37 +115,10 @@ def coverage(
     return torch.stack([plan.coverage(shifts) for shifts in plan.planes])
 
 
-def reach(
-    slopes: Slopes,
-    grid: tuple[int, int],
-    interpolation: str = "linear",
-    border: str = "renormalize",
-    fill: float = 0.0,
-    disparity: float | Tensor = 0.0,
-    positions: Tensor | None = None,
-) -> int | None:
-    """Rows or columns within which samples may count for a pixel; bands that overlap by as many equal the whole.
-
-    Arguments are those of `shift_and_sum`, for a `grid` of V x U views.
-
-    Returns:
-        Pixels; None where all samples may count: an exact interpolation, a border that wraps around, a map of
-        disparities.
-    """
-    is_map = isinstance(disparity, Tensor) and disparity.ndim > 0
-    if INTERPOLATIONS[interpolation].weights is None or BORDERS[border].is_periodic or is_map:
-        return None
-    planes = torch.as_tensor(slopes, dtype=torch.float64)
-    farthest = max(float(offsets.abs().max()) for offsets in batches.lines(grid, positions))
-    shift = float(planes.abs().max()) * farthest
-    # A cubic interpolation reads one sample beyond the two around a position.
-    return math.ceil(shift) + 1 + footprint.radius(fill * float((planes - float(disparity)).abs().max()))
-
-
-def planned_stack(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tensor:
+def planned_stack(views: Tensor, plan: Plan) -> Tensor:
     """The plan's window of the stacks [B, N, C, H, W] of light fields [B, V, U, C, H, W].
 
-    Compiled loops compute nothing else, and may write it into `room`.
+    Compiled loops compute nothing else.
     """
     aperture = torch.tensor(plan.aperture)
     views = batches.without_unread(views.reshape(len(views), *aperture.shape, *views.shape[3:]), aperture)
@@ -163,7 +126,7 @@ def planned_stack(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tens
         # Imported here: a compiler takes half a second to load, which a program that never refocuses need not spend.
         from lfref.refocus.shift import shift_numba
 
-        return shift_numba.shift_and_sum(views, plan, room)
+        return shift_numba.shift_and_sum(views, plan)
     return plan.window.of(shift_torch.shift_and_sum(views, plan))
 
 
@@ -175,18 +138,6 @@ def _checked_window(window: tuple[slice, slice], size: tuple[int, int]) -> Windo
         raise InputError(f"a window must have rows and columns of views of {size[0]}x{size[1]}, without steps", got=got)
     (top, left), (height, width) = (each.start for each in ranges), map(len, ranges)
     return Window(top, left, height, width)
-
-
-def _check_out(out: Tensor, views: Tensor, n_planes: int, part: Window) -> None:
-    shape = (*views.shape[:-5], n_planes, views.shape[-3], part.height, part.width)
-    dtype = batches.stack_dtype(views)
-    if out.shape != shape or out.dtype != dtype or out.device != views.device or not out.is_contiguous():
-        got = f"{list(out.shape)}, {out.dtype}{'' if out.is_contiguous() else ', not contiguous'}, on {out.device}"
-        raise InputError(f"out must be {list(shape)}, {dtype}, contiguous, on {views.device}", got=got)
-    if not (batches.is_plain(views) and batches.is_plain(out)):
-        raise InputError("out must be None where derivatives are needed", remedy="leave it out, or use torch.no_grad()")
-    if out.untyped_storage().data_ptr() == views.untyped_storage().data_ptr():
-        raise InputError("out must have memory of its own", got="that of the views")
 
 
 SMALLEST = 32

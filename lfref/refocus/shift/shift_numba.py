@@ -125,25 +125,22 @@ class RowBuffers(NamedTuple):
     """First row of each plane in the ring, and the end, [N + 1]."""
 
 
-def shift_and_sum(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tensor:
+def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
     """The sums of the shifted views, over the weight of those that count, and blurred as planned.
 
     Args:
         views: Light fields on the CPU, floating point (half types are copied to float32), uint8 or uint16, any
             strides, [B, V, U, C, H, W].
         plan: What is to be summed, by an interpolation of few taps; its window is the whole if planes are blurred.
-        room: Stacks to write into, contiguous; passed over if they are of another type than the sums.
 
     Returns:
-        Stacks of the window, float32 (float64 for such views), [B, N, C, height, width]; `room` if it could be used.
+        Stacks of the window, float32 (float64 for such views), [B, N, C, height, width].
     """
     samples = (views if views.dtype in batches.FULL_SCALE else batches.radiance(views)).detach().numpy()
     working = np.dtype(np.float64 if views.dtype == torch.float64 else np.float32)
     tables = _tables(plan, working, batches.FULL_SCALE.get(views.dtype, 1))
-    if room is None or room.dtype != batches.working_dtype(views.dtype):
-        # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
-        room = torch.from_numpy(np.empty((len(views), len(plan.planes), views.shape[3], *plan.window[2:]), working))
-    stack = room.numpy()
+    # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
+    stack = np.empty((len(views), len(plan.planes), views.shape[3], *plan.window[2:]), working)
     sources = [_memory(field, tables, plan) for field in samples]
     n_threads = loops.worthwhile(stack.size, 1 << 18)  # samples from which one more thread pays
     first = np.concatenate([[0], np.cumsum(tables.down.highest - tables.down.lowest + 1)])
@@ -162,7 +159,7 @@ def shift_and_sum(views: Tensor, plan: Plan, room: Tensor | None = None) -> Tens
     loops.share(refocus, jobs, n_threads)
     if any(widths := [shifts.width for shifts in plan.planes]):
         footprint.box_planes(stack, widths, plan.border, tables.blurred)
-    return room
+    return torch.from_numpy(stack)
 
 
 def _memory(field: NDArray, tables: Tables, plan: Plan) -> ViewMemory:

@@ -7,8 +7,8 @@ import re
 from lfref.cli import config as configs
 
 TEXT = (configs.directory() / "group" / "operators.yaml").read_text()
-NAMES = [*re.findall(r"methods\.(\w+):", TEXT), *re.findall(r"    name: (\w+)", TEXT)]
-KEPT = ("shift_and_sum", "fourier_slice", "shift_and_sum_fill", "focal_stack_transform")
+NAMES = re.findall(r"methods\.(\w+):", TEXT)
+KEPT = ("shift_and_sum", "fourier_slice", "shift_and_sum_fill")
 SMALL = ("scene.camera.size=[48,64]", "repeats=1", "warmup=0", "scale_repeats=1", "device=cpu")
 SIZES = ("scales.sides=[0.5,1]", "scales.views=[1,3]", "scales.planes=[1,2]")
 
