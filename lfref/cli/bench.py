@@ -25,7 +25,7 @@ from lfref.bench.stability.trials import Component
 from lfref.captures.correct import correct_by_option
 from lfref.cli import config as configs
 from lfref.cli import steps
-from lfref.cli.command import command, device_of, log, paths, progress
+from lfref.cli.command import command, device_of, log, progress
 from lfref.cli.steps import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.errors import InputError, chosen, counted
@@ -33,7 +33,6 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
-from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import (
     accuracy_time,
@@ -185,8 +184,8 @@ def front(config: DictConfig, folder: Path) -> None:
 
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
-    networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
-    methods = [*(method.to(device) for method in steps.parts_of(config.methods).values()), *networks]
+    methods = [*(method.to(device) for method in steps.parts_of(config.methods).values())]
+    methods += steps.checkpoints(config, device)
     name_apart(methods)
     return methods
 
@@ -349,4 +348,4 @@ def bench(config: DictConfig, folder: Path) -> None:
     measure(config, folder)
 
 
-main = command(bench)
+run = command(bench)

@@ -1,10 +1,8 @@
-"""Parts of all commands: Hydra around a function, one line for a user's mistake, a run folder with its config."""
+"""Parts of all commands: one line for a user's mistake, a run folder with its configuration, progress, device."""
 
-import functools
 import itertools
 import logging
 import math
-import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,17 +10,15 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-import hydra
 import torch
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import CompactHydraException
 from omegaconf import DictConfig, open_dict
 
-from lfref.cli import composition, parts, resume
 from lfref.cli import config as configs
-from lfref.cli.exit_codes import Stopped, exit_line_on_signals, fail, patient_pipes
+from lfref.cli import resume
+from lfref.cli.exit_codes import Stopped, fail
 from lfref.cli.run_folder import is_first_process, marked
-from lfref.errors import InputError, LfrefError, first_line
+from lfref.errors import InputError, LfrefError
 from lfref.io import run as runs
 
 if TYPE_CHECKING:
@@ -34,34 +30,26 @@ Result = Callable[[DictConfig, Path], float | None]
 Item = TypeVar("Item")
 
 log = logging.getLogger("lfref")
-FULL_ERROR = "HYDRA_FULL_ERROR"
-"""Environment variable that lets Hydra raise errors."""
 
 
 def command(
     task: Task,
     prepare: Prepare = lambda config, folder: True,
-    expand: Callable[[list[str]], list[str]] = list,
     result: Result = lambda config, folder: None,
-) -> Callable[[], None]:
-    """Make a command from a function (configuration, run folder); `conf/NAME.yaml` is the configuration of module NAME.
+) -> Callable[[DictConfig], float | None]:
+    """Make what `main` runs of a function (configuration, run folder).
 
     `prepare` (configuration, run folder) runs before the task, and returns False if there is nothing to do.
-    `expand` replaces `resume=RUN` in the words of a command line by the overrides of that run.
     `result` (configuration, run folder) is what a sweeper gets from a finished job, also from one that was finished
     before; a failed job returns NaN.
     """
     name = Path(task.__code__.co_filename).stem
 
-    @functools.wraps(task)  # Hydra names the job after the module of the function that it gets
-    def run_task(config: DictConfig) -> float | None:
+    def run(config: DictConfig) -> float | None:
         folder = Path(HydraConfig.get().runtime.output_dir)
         with open_dict(config):
             config.folder = str(folder)
         try:
-            parts.check(configs.plain(config), folder)
-            if "seed" in config:
-                configs.number(config, "seed", 0, 2**32 - 1)
             if prepare(config, folder):
                 with marked(folder) if is_first_process() else nullcontext():
                     if is_first_process():
@@ -85,40 +73,7 @@ def command(
                 fail(name, f"files must be readable and writable; got {error.filename or 'one'} ({error.strerror})")
             raise
 
-    run_hydra = hydra.main(version_base="1.3", config_path=str(configs.directory()), config_name=name)(run_task)
-
-    @functools.wraps(task)
-    def main() -> None:
-        try:
-            # Of a distributed training, the first process prints the line.
-            with patient_pipes(), exit_line_on_signals(name if is_first_process() else None):
-                sys.argv[1:] = composition.check_line(name, expand(sys.argv[1:]))
-                with _launcher_errors(name) if {"--multirun", "-m"} & set(sys.argv) else nullcontext():
-                    run_hydra()  # composes the configuration and calls `run_task`, for each job of a sweep
-        except LfrefError as error:
-            fail(name, error, status=2)
-
-    return main
-
-
-@contextmanager
-def _launcher_errors(name: str) -> Iterator[None]:
-    """Print errors of a sweep's launcher, such as a scheduler that refuses a job, in one line, and exit."""
-    if FULL_ERROR in os.environ:
-        yield
-        return
-    os.environ[FULL_ERROR] = "1"  # or Hydra would print a traceback
-    try:
-        yield
-    except CompactHydraException as error:
-        fail(name, error)
-    except Exception as error:  # jobs that fail do not get here
-        expected = "the launcher of a sweep must start each job, and get its result"
-        got = f"{type(error).__name__}: {first_line(error)}"
-        remedy = "look at the scheduler and its logs; the same command with the same output goes on"
-        fail(name, LfrefError(expected, got=got, remedy=remedy))
-    finally:
-        del os.environ[FULL_ERROR]
+    return run
 
 
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:

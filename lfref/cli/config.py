@@ -1,18 +1,17 @@
-"""Configurations: their folder, the objects that they describe, and their copy in a run folder.
+"""Configurations: their folder, the objects that they describe, and their copy in a run folder."""
 
-`cli.parts` lists the classes and functions that a configuration may name.
-"""
-
+import functools
 import hashlib
 import math
 from pathlib import Path
 from typing import Any
 
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from lfref.cli import parts
-from lfref.errors import InputError
+from lfref.errors import InputError, LfrefError, first_line
 from lfref.io import atomic
 
 
@@ -24,10 +23,34 @@ def directory(name: str = "conf") -> Path:
 
 
 def build(config: Any, **arguments: Any) -> Any:
-    """The object, mapping or list of objects that a configuration describes; `arguments` are passed on to it."""
+    """The object, mapping or list of objects that a configuration describes, by `hydra.utils.instantiate`.
+
+    Args:
+        config: The configuration; whatever its `_target_` names is imported and called.
+        arguments: Passed on to it, as they are.
+
+    Raises:
+        InputError: The configuration does not fit what it describes.
+    """
     node = plain(config)
-    parts.check(node)
-    return parts.build(node, **arguments)
+    if not isinstance(node, dict | list):
+        return node
+    try:
+        if not arguments or isinstance(node, list):
+            return instantiate(node, _convert_="all")
+        # Hydra would merge arguments into the configuration, where dataclasses lose their class.
+        is_partial = node.get("_partial_", False)
+        others = {key: value for key, value in node.items() if key not in arguments}
+        make = functools.partial(instantiate(others | {"_partial_": True}, _convert_="all"), **arguments)
+        return make if is_partial else make()
+    except InstantiationException as error:
+        if isinstance(error.__cause__, LfrefError):
+            raise error.__cause__ from None
+        raise InputError("the configuration must fit what it describes", got=first_line(error)) from error
+    except LfrefError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise InputError("the configuration must fit what it describes", got=first_line(error)) from error
 
 
 def plain(config: Any) -> Any:

@@ -236,7 +236,4 @@ def _plain(model: Any) -> Any:
     return json.loads(model.model_dump_json(by_alias=True, exclude_none=True))
 
 
-main = command(dashboard)
-
-if __name__ == "__main__":
-    main()
+run = command(dashboard)

@@ -13,9 +13,8 @@ from torch import Tensor
 
 from lfref.bench import accuracy, timing
 from lfref.bench.evaluation import TRUTH
-from lfref.cli import config as configs
 from lfref.cli import resume, run_folder, steps
-from lfref.cli.command import command, device_of, log, paths
+from lfref.cli.command import command, device_of, log
 from lfref.cli.steps import fixed_planes
 from lfref.data.label_sources import Labels
 from lfref.errors import InputError, LfrefError, counted
@@ -23,7 +22,6 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
-from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report import answers, comparison, crops, drawing, pictures, plots, tables
 from lfref.report.answers import Answer
@@ -126,7 +124,7 @@ def _logging(config: DictConfig) -> Iterator[Callable[[pd.DataFrame, pd.DataFram
 
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
-    networks = [load(path, device) for path in paths(configs.plain(config.checkpoint))]
+    networks = steps.checkpoints(config, device)
     methods = [*networks, *(method.to(device) for method in steps.parts_of(config.methods).values())]
     name_apart(methods)
     if not methods:
@@ -163,7 +161,4 @@ def _write_crops(
     crops.write(folder, view, shown(stacks[answer.ours][plane]), other, shown(label[plane]))
 
 
-main = command(evaluate, resume.go_on, resume.expanded_to_folder)
-
-if __name__ == "__main__":
-    main()
+run = command(evaluate, resume.go_on)

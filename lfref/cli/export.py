@@ -5,12 +5,12 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
+from lfref.cli import steps
 from lfref.cli.command import command, log, progress
 from lfref.cli.steps import fixed_planes
 from lfref.data.field_sources import SimulatedSource
 from lfref.export import files
 from lfref.refocus import apertures
-from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
@@ -34,13 +34,10 @@ def export(config: DictConfig, folder: Path) -> None:
 
 def _refocuser(config: DictConfig) -> Refocuser:
     if config.checkpoint is not None:
-        return load(config.checkpoint)
+        return steps.checkpoints(config)[0]
     refocuser: Refocuser = configs.build(config.method)
     aperture = configs.build(config.aperture)
     return refocuser if getattr(aperture, "func", aperture) is apertures.full else refocuser.through(aperture)
 
 
-main = command(export)
-
-if __name__ == "__main__":
-    main()
+run = command(export)

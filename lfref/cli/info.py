@@ -42,7 +42,4 @@ def _write(folder: Path, inspection: Inspection) -> None:
     drawing.save_figure(inspection_sheet(inspection), folder / SHEET)
 
 
-main = command(info)
-
-if __name__ == "__main__":
-    main()
+run = command(info)

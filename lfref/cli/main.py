@@ -1,18 +1,26 @@
-"""The console script: `lfref COMMAND [PATH ...] [KEY=VALUE ...]` calls `main` of the module of that command."""
+"""The console script: `lfref COMMAND [PATH ...] [KEY=VALUE ...]` composes `conf/COMMAND.yaml` by Hydra and runs it.
 
-import difflib
+Before Hydra reads the line, paths become `input=`, and a few short words become what they stand for. PyTorch is
+imported only once the configuration is there.
+"""
+
 import gc
 import importlib
+import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+import hydra
+from hydra.core.override_parser.types import Quote, QuotedString
+from omegaconf import DictConfig, OmegaConf
 
 import lfref
-from lfref import extensions, extras
-from lfref.cli import arguments, composition, threads
-from lfref.cli import help as texts
+from lfref import extras
+from lfref.cli import threads
+from lfref.cli.config import directory
 from lfref.cli.exit_codes import exit_line_on_signals, fail, patient_pipes
-from lfref.errors import FileError, InputError, LfrefError
+from lfref.errors import InputError, LfrefError
 
 COMMANDS = {
     "info": "show properties of light fields, the slopes of their scenes, and their defects",
@@ -27,93 +35,129 @@ COMMANDS = {
     "report": "gather runs into one page",
     "dashboard": "make a workspace and a report in Weights & Biases",
 }
+INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "eval", "bench", "prepare"), "input")
+"""Command -> key whose value is a path on the command line."""
+RUN = {
+    "train": "resume",
+    "report": "runs",
+    **dict.fromkeys(("refocus", "view", "eval", "bench", "export"), "checkpoint"),
+}
+"""Command -> key that `run=FOLDER` sets."""
+SHORTHANDS = {
+    "slopes": ["planes=slopes", "planes.slopes={}"],
+    "alphas": ["planes=alphas", "planes.alphas={}"],
+    "convention": ["planes.convention={}"],
+}
+PATHS = "input", "output", "resume", "checkpoint", "truth", "white", "correct"
+"""Keys of paths, in which Hydra would interpret some characters."""
+TAKE_A_WORD = "--cfg", "-c", "--config-dir", "-cd", "--config-path", "-cp", "--config-name", "-cn", "--package", "-p"
+"""Options of Hydra before a value."""
 
 
 def main() -> None:
     """Run a command; status 0 if it worked, 1 if it failed, 2 if it does not exist."""
     threads.set_up()
-    try:
-        sys.argv[1:], packages = allowed_packages(sys.argv[1:])
-        for package in packages:
-            extensions.allow(package)
-    except InputError as error:
-        fail(next(iter(sys.argv[1:]), "--allow"), error, status=2)
-    name = sys.argv[1] if len(sys.argv) > 1 else "--help"
-    if name in TEXTS:
+    name, words = sys.argv[1] if len(sys.argv) > 1 else "--help", sys.argv[2:]
+    if name in ("-h", "--help", "-V", "--version"):
         with patient_pipes():
-            print(TEXTS[name]())
+            print(f"lfref {lfref.__version__}" if name in ("-V", "--version") else usage())
         return
     if name not in COMMANDS:
-        near = difflib.get_close_matches(name, COMMANDS, 1) or ["--help"]
-        print(
-            f"lfref: command must be one of {', '.join(COMMANDS)}; got {name!r}; try lfref {near[0]}", file=sys.stderr
-        )
-        sys.exit(2)
+        fail("COMMAND", InputError(f"command must be one of {', '.join(COMMANDS)}", got=repr(name)), status=2)
     try:
-        words = arguments.rewritten(name, sys.argv[2:])
-        parsed = arguments.options(name, words)
-        # `resume=RUN` stands for the overrides of that run, which the command reads itself.
-        if words != ["--help"] and not any(word.startswith("resume=") for word in words):
-            composition.check_early(name, words)
-        if parsed["help"]:
-            with patient_pipes():
-                print(texts.command_help(name, parsed["overrides"]))
-            return
+        words = rewritten(name, words)
+        if any(word.startswith("resume=") for word in words):
+            from lfref.cli import resume  # which needs PyTorch
+
+            words = resume.expanded(name, words)
     except LfrefError as error:
-        fail(name, error, status=1 if isinstance(error, FileError) else 2)
-    with exit_line_on_signals(name):
+        fail(name, error, status=2)
+    start(name, words)
+
+
+def start(name: str, words: list[str]) -> None:
+    """Let Hydra compose the configuration of a command, and run it, once for each job of a multirun."""
+    # Lightning starts the other processes of a ddp run as `python ARGV[0] ...`: that is the module of the command.
+    sys.argv = [str(Path(__file__).with_name(f"{name}.py")), *words]
+    if not any(word.startswith("hydra.job.name=") for word in words):
+        sys.argv.append(f"hydra.job.name={name}")
+
+    def task(config: DictConfig) -> float | None:
         try:
-            with starting(name), without_collection(), extras.needed("this command"):
-                module = importlib.import_module(f"lfref.cli.{name}")
+            with extras.needed("this command"):
+                run = imported(name).run
         except InputError as error:
             fail(name, error)
-        # Lightning starts the other processes of a ddp run as `python ARGV[0] ...`: that must be the command itself.
-        sys.argv = [str(module.__file__), *words]
-        module.main()
+        result: float | None = run(config)
+        return result
+
+    is_first = all(os.environ.get(rank, "0") == "0" for rank in ("RANK", "LOCAL_RANK", "SLURM_PROCID"))
+    with patient_pipes(), exit_line_on_signals(name if is_first else None):
+        hydra.main(version_base="1.3", config_path=str(directory()), config_name=name)(task)()
 
 
-@contextmanager
-def starting(name: str) -> Iterator[None]:
-    """Say on a terminal that the command starts: PyTorch takes seconds to import."""
-    is_shown = sys.stderr.isatty()
-    if is_shown:
-        print(f"lfref {name}: starting", end="\r", file=sys.stderr, flush=True)
-    yield
-    if is_shown:
-        print("\x1b[2K", end="\r", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def without_collection() -> Iterator[None]:
-    """Stop the garbage collector while modules are imported, and exempt PyTorch for ever: a fifth of a start's time."""
-    if "torch" in sys.modules:
-        yield
-        return
-    gc.disable()
-    importlib.import_module("torch")
-    gc.freeze()  # before OpenImageIO is imported, which reports objects that are left at the end
-    try:
-        yield
-    finally:
+def imported(name: str) -> ModuleType:
+    """The module of a command; the garbage collector would take a fifth of the time of its imports."""
+    if "torch" not in sys.modules:
+        gc.disable()
+        importlib.import_module("torch")
+        gc.freeze()  # before OpenImageIO is imported, which reports objects that are left at the end
         gc.enable()
+    return importlib.import_module(f"lfref.cli.{name}")
 
 
-def allowed_packages(words: list[str]) -> tuple[list[str], list[str]]:
-    """A command line without its `--allow PACKAGE` (or `--allow=PACKAGE`), and these packages."""
-    rest, packages, queue = [], [], list(words)
-    while queue:
-        word = queue.pop(0)
-        if word == "--":  # only paths follow
-            rest += [word, *queue]
-            break
-        option, equals, value = word.partition("=")
-        if option != "--allow":
-            rest.append(word)
-        elif not equals and not queue:
-            raise InputError("--allow takes a package", got="nothing", remedy="give a name such as --allow mypkg")
+def rewritten(command: str, words: list[str]) -> list[str]:
+    """Words for Hydra: paths as `input=`, short words as what they stand for.
+
+    Raises:
+        InputError: The command takes no paths, or the sweep is unknown.
+    """
+    is_multirun = bool({"-m", "--multirun"} & set(words))
+    end = words.index("--") if "--" in words else len(words)
+    paths, others = [], []
+    for word, before in zip(words[:end], ["", *words], strict=False):
+        key, equals, value = word.partition("=")
+        if before in TAKE_A_WORD:
+            others.append(word)
+        elif word.startswith(("/", "./", "../", "~/")) or not (equals or word.startswith(("-", "~"))):
+            paths.append(word)
+        elif key == "run" and command in RUN:
+            others.append(f"{RUN[command]}={_readable(value, is_multirun)}")
+        elif key == "+sweep":
+            others += overrides(value)
+        elif key in SHORTHANDS:
+            value = value if is_multirun or value.startswith("[") else f"[{value}]" if key != "convention" else value
+            others += [form.replace("{}", value) for form in SHORTHANDS[key]]
         else:
-            packages += (value if equals else queue.pop(0)).split(",")
-    return rest, packages
+            others.append(f"{key}={_readable(value, is_multirun)}" if key in PATHS else word)
+    paths += words[end + 1 :]
+    if paths and command not in INPUTS:
+        raise InputError("arguments of this command must be written KEY=VALUE", got=repr(paths[0]))
+    values = [_quoted(path) for path in paths]
+    own = values[0] if len(values) == 1 else f"[{','.join(values)}]"
+    return [*others, f"{INPUTS[command]}={own}"] if paths else others
+
+
+def _readable(path: str, is_multirun: bool) -> str:
+    """A path as Hydra reads it: lists, `null` and what is quoted already stay, and all choices of a multirun."""
+    if is_multirun or path == "null" or path[:1] in ("[", "'", '"'):
+        return path
+    return _quoted(os.path.expanduser(path))  # noqa: PTH111  not every shell expands it behind `=`
+
+
+def _quoted(path: str) -> str:
+    return str(QuotedString(path.replace("${", "\\${"), Quote.single).with_quotes())
+
+
+def overrides(name: str) -> list[str]:
+    """Overrides `key=a,b,c` of the sweep `sweeps/NAME.yaml`, which is also a sweep of wandb; InputError for others."""
+    files = {path.stem: path for path in sorted(directory("sweeps").glob("*.yaml"))}
+    if name not in files:
+        raise InputError(f"sweep must be one of {', '.join(files)}", got=repr(name))
+    parameters = OmegaConf.load(files[name]).parameters
+    if not all("values" in entry for entry in parameters.values()):
+        raise InputError("a sweep of Hydra must list its values", got=name, remedy=f"wandb sweep sweeps/{name}.yaml")
+    return [f"{key}={','.join(map(str, entry['values']))}" for key, entry in parameters.items()]
 
 
 def usage() -> str:
@@ -125,15 +169,7 @@ lfref COMMAND [PATH ...] [KEY=VALUE ...]
 
 {commands}
 
-lfref COMMAND --help shows examples and options, --cfg job its configuration; --multirun runs KEY=A,B,C in turn.
---allow PACKAGE lets a configuration name the classes and functions of an installed package of yours."""
-
-
-TEXTS: dict[str, Callable[[], str]] = {
-    **dict.fromkeys(("-h", "--help", "help"), usage),
-    **dict.fromkeys(("-V", "--version"), lambda: f"lfref {lfref.__version__}"),
-}
-"""Word that only prints a text -> function that returns the text."""
+lfref COMMAND --help shows choices and the configuration; --multirun runs KEY=A,B,C in turn."""
 
 
 if __name__ == "__main__":

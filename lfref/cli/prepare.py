@@ -45,7 +45,7 @@ class Jobs(Dataset[str | None]):
         return None
 
 
-def run(jobs: Sequence[Callable[[], object]], config: DictConfig, what: str) -> list[str]:
+def do(jobs: Sequence[Callable[[], object]], config: DictConfig, what: str) -> list[str]:
     """Do jobs in as many processes as the configuration says; returns the errors."""
     loader = DataLoader(Jobs(jobs), batch_size=None, num_workers=number_of_workers(config), worker_init_fn=_one_thread)
     return [error for error in progress(loader, what) if error is not None]
@@ -74,7 +74,7 @@ def planes(config: DictConfig, folder: Path) -> None:
     missing = [index for index in range(n_fields) if not plane_sets.path_of(place, index).is_file()]
     log.info("%d of %d exist", n_fields - len(missing), n_fields)
     jobs = [functools.partial(plane_sets.prepare, recipe, place, index) for index in missing]
-    if errors := run(jobs, config, "making planes"):
+    if errors := do(jobs, config, "making planes"):
         raise LfrefError("all items must be made", got=errors[0], remedy="the others are done")
     log.info("planes of %s in %s", counted(n_fields, "light field"), place)
 
@@ -111,9 +111,9 @@ def captures(config: DictConfig, folder: Path) -> None:
         prepared.forget_manifest(place)
         # The first ones, one for each process, tell how large the set becomes.
         n_first = max(1, number_of_workers(config))
-        errors += run(jobs[:n_first], config, "decoding the first light fields")
+        errors += do(jobs[:n_first], config, "decoding the first light fields")
         _check_room(config, place, len(known.keys() | sources.keys()))
-        errors += run(jobs[n_first:], config, "decoding light fields")
+        errors += do(jobs[n_first:], config, "decoding light fields")
     if prepared.is_set(place):
         entries = prepared.write_manifest(place)
         shutil.copyfile(place / prepared.MANIFEST, folder / prepared.MANIFEST)
@@ -152,4 +152,4 @@ def prepare(config: DictConfig, folder: Path) -> None:
     chosen("set", config.set, SETS)(config, folder)
 
 
-main = command(prepare)
+run = command(prepare)

@@ -16,7 +16,6 @@ from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
-from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import results
 from lfref.report.refocused import PictureFiles, Refocused
@@ -68,7 +67,9 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     """The method or trained network with its planes; a network has its own unless the command line names others."""
     planes: Planes = configs.build(config.planes)
     aperture = configs.build(config.aperture)
-    given = configs.build(config.method).to(device) if config.checkpoint is None else load(config.checkpoint, device)
+    given = (
+        configs.build(config.method).to(device) if config.checkpoint is None else steps.checkpoints(config, device)[0]
+    )
     refocuser = given.through(aperture)
     if refocuser is given and getattr(aperture, "func", aperture) is not apertures.full:
         expected, remedy = f"{given.name} weighs the views by itself", "leave aperture out, or choose another method"
@@ -80,7 +81,4 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     return refocuser, planes
 
 
-main = command(refocus, resume.go_on, resume.expanded_to_folder)
-
-if __name__ == "__main__":
-    main()
+run = command(refocus, resume.go_on)

@@ -81,4 +81,4 @@ def _facts(runs: list[Path]) -> dict[str, object]:
     return {"date": date, **{name: "; ".join(values) for name, values in facts.items()}}
 
 
-main = command(report)
+run = command(report)

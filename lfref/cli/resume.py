@@ -22,7 +22,6 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from lfref.cli import config as configs
-from lfref.cli import parts
 from lfref.errors import CheckpointError, InputError, LfrefError
 from lfref.io import atomic
 from lfref.io import run as runs
@@ -40,22 +39,25 @@ SHOWN = 4
 """Largest number of differences that an error names."""
 NOT_RESUMED = "hydra", "logger", "output", "folder", "overwrite"
 """Groups of overrides that say where files go. They are not taken over: a run folder may come from somebody else."""
-PLACES = (*parts.PLACES, "cache_folder", "tracking_uri")
+PLACES = "dirpath", "save_dir", "folder", "default_root_dir", "offline_directory", "cache_folder", "tracking_uri"
 """Last names of keys in other groups that say where files go."""
 
 
-def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run.chosen or run.last) -> list[str]:
+def expanded(command: str, arguments: list[str]) -> list[str]:
     """The command line with `resume=RUN` replaced by the overrides of that run; any other line is unchanged.
 
+    `resume` becomes the folder of the run; of a training the checkpoint that was chosen, else the last one.
+
     Args:
+        command: Its name.
         arguments: Command line after the command's name.
-        last: (run) -> what `resume` becomes: the checkpoint that was chosen, else the last one of the run.
 
     Raises:
         CheckpointError: The run has no checkpoint.
         FileError: `resume=` names no run.
         InputError: The line starts a sweep, which cannot resume one run.
     """
+    last: Callable[[Run], Path] = _checkpoint if command == "train" else lambda run: run.folder
     resumes = [argument for argument in arguments if argument.startswith(KEY)]
     path = _path(resumes[-1], KEY) if resumes else None
     if path is None:
@@ -80,6 +82,10 @@ def expanded(arguments: list[str], last: Callable[[Run], Path] = lambda run: run
         print(f"{run.folder.name}: not taken over, give again what is to hold: {' '.join(dropped)}", file=sys.stderr)
     own = [] if "output" in {key_of(argument) for argument in new} else [f"output={quoted(run.folder)}"]
     return [*old, *own, *new, f"{KEY}{quoted(last(run))}"]
+
+
+def _checkpoint(run: Run) -> Path:
+    return run.chosen or run.last
 
 
 def _has_begun(run: Run, last: Callable[[Run], Path]) -> bool:
@@ -198,11 +204,6 @@ def go_on(config: DictConfig, folder: Path) -> bool:
         decisive = [key for key in plain if key not in (*FOLDERS, "overwrite", "device", "logger")]
         refuse_other(Run(folder), plain, decisive, "leave it as it was", "the settings that it began with")
     return True
-
-
-def expanded_to_folder(arguments: list[str]) -> list[str]:
-    """The command line with `resume=RUN` replaced by the overrides of that run, for `go_on`."""
-    return expanded(arguments, last=lambda run: run.folder)
 
 
 def refuse_other(run: Run, config: dict[str, Any], keys: Iterable[str], remedy: str, what: str) -> None:

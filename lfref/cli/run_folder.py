@@ -17,7 +17,6 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
-from lfref.cli import composition
 from lfref.cli.exit_codes import fail
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import ownership
@@ -25,6 +24,8 @@ from lfref.io import run as runs
 
 LOCK = ".lfref.lock"
 """File that a process locks while it writes into a run folder; the system unlocks it when the process ends."""
+FILES = "input", "runs", "checkpoint", "white", "truth", "correct", "splits", "data.path", "data.validation_path"
+"""Keys of configurations that name the user's files."""
 PATIENCE_S = 120
 """Seconds that further processes of a run wait for the first one to make the folder."""
 NOTES = (ownership.MARK, runs.CONFIG, runs.OVERRIDES)
@@ -196,17 +197,27 @@ def _is_unborn(folder: Path, overrides: Sequence[str] | None) -> bool:
     return False
 
 
+def pattern_folder(path: Path) -> Path | None:
+    """The longest folder of a pattern such as `shots/*.exr` that exists; None if a path is no pattern.
+
+    Folders that exist may have brackets or stars in their own names: only what follows them is a pattern.
+    """
+    if path.exists() or not set("*?[") & set(str(path)):
+        return None
+    return next(parent for parent in path.absolute().parents if parent.exists())
+
+
 def refuse_inputs(config: DictConfig, folder: Path) -> None:
     """Refuse an output folder that is an input, or that contains one: `overwrite=true` could delete it.
 
     Raises:
         FileError: The output folder is an input or contains one.
     """
-    for key in composition.FILES:
+    for key in FILES:
         value = OmegaConf.select(config, key, throw_on_missing=False)
         for name in [value] if isinstance(value, str) else value or ():
             # Of a pattern such as shots/*.exr, the folder counts.
-            path = (composition.pattern_folder(Path(str(name))) or Path(str(name))).resolve()
+            path = (pattern_folder(Path(str(name))) or Path(str(name))).resolve()
             if path.exists() and (path == folder.resolve() or folder.resolve() in path.parents):
                 expected = "output must be a folder that neither is nor contains an input"
                 raise FileError(expected, got=f"{folder} with {key}={name}", remedy="choose another output")

@@ -103,4 +103,4 @@ def _written(folder: Path, name: str, suffix: str) -> list[Path]:
     return [path for path in (*places, *marks, folder / SHEETS / f"{name}.png") if path.exists()]
 
 
-main = command(simulate, resume.go_on, resume.expanded_to_folder)
+run = command(simulate, resume.go_on)

@@ -15,14 +15,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
+from hydra.utils import get_class
 from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.captures import view_order
 from lfref.captures.correct import Corrections, correct_by_option
 from lfref.captures.inspect import AutoPlanes
-from lfref.cli import composition, run_folder
 from lfref.cli import config as configs
+from lfref.cli import run_folder
 from lfref.cli.command import log, paths, progress, stages
 from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
 from lfref.functional import memory
@@ -31,6 +32,7 @@ from lfref.io import atomic, images, memory_limit, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
+from lfref.refocuser.load import CPU, load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report.refocused import brightening
 
@@ -96,7 +98,7 @@ def checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: 
 
 def _fields_at(path: Path, folders_are_fields: bool) -> list[Path]:
     """The light fields that a path or a pattern stands for."""
-    if (base := composition.pattern_folder(path)) is None:
+    if (base := run_folder.pattern_folder(path)) is None:
         return [path] if folders_are_fields else _fields_in(path)
     entries = base.glob(str(path.absolute().relative_to(base)))
     matches = sorted((entry for entry in entries if not entry.name.startswith(".")), key=_numbers)
@@ -265,6 +267,12 @@ def ahead(items: Iterable[Item]) -> Iterator[Item]:
 def parts_of(group: DictConfig | None) -> dict[str, Any]:
     """Name -> part of a group of parts, such as `config.methods`; those that are null are left out."""
     return {name: part for name, part in (configs.build(group) or {}).items() if part is not None}
+
+
+def checkpoints(config: DictConfig, device: torch.device = CPU) -> list[Refocuser]:
+    """The refocusers of `checkpoint`; `net` may name the class of their networks."""
+    net = None if config.net._target_ is None else get_class(config.net._target_)
+    return [load(path, device, net) for path in paths(configs.plain(config.checkpoint))]
 
 
 def fixed_planes(config: DictConfig) -> FocalPlanes:

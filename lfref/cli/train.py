@@ -18,10 +18,10 @@ from lfref.bench import timing
 from lfref.cli import config as configs
 from lfref.cli import loggers, resume
 from lfref.cli.command import command, log, quiet_libraries
-from lfref.cli.exit_codes import fail
+from lfref.cli.main import start
 from lfref.cli.run_folder import is_first_process
 from lfref.cli.steps import fixed_planes
-from lfref.errors import LfrefError, counted
+from lfref.errors import counted
 from lfref.io import atomic
 from lfref.io import run as runs
 from lfref.io.run import Run
@@ -191,17 +191,7 @@ def devices_of_job(trainer: Mapping[str, Any], number: int) -> Any:
     return [number % n_gpus] if n_gpus else devices
 
 
-_run = command(train, prepare, result=score)
+run = command(train, prepare, score)
 
-
-def main() -> None:
-    """Replace `resume=RUN` by its overrides, and start; a run that cannot be resumed gives status 1, as a failure."""
-    try:
-        sys.argv[1:] = resume.expanded(sys.argv[1:])
-    except LfrefError as error:
-        fail("train", error)
-    _run()
-
-
-if __name__ == "__main__":
-    main()
+if __name__ == "__main__":  # further processes of a distributed training
+    start("train", sys.argv[1:])

@@ -17,7 +17,6 @@ from lfref.geometry import FocalPlanes
 from lfref.io import images, lytro_files
 from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import DisparityMap
-from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Aperture, Refocuser, name_apart
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
@@ -95,7 +94,7 @@ def _uneven(aperture: Aperture, grid: tuple[int, int]) -> Tensor | None:
 
 def _refocusers(config: DictConfig, aperture: Aperture) -> list[Refocuser]:
     """The checkpoint, then the methods; equal names are numbered."""
-    refocusers = [load(config.checkpoint)] if config.checkpoint is not None else []
+    refocusers = steps.checkpoints(config)
     methods = [method for method in (config.methods or {}).values() if method is not None]
     refocusers += [configs.build(method).through(aperture) for method in methods]
     if not refocusers:
@@ -142,7 +141,4 @@ def _facts(shown: dict[str, Refocused]) -> dict[str, object]:
     }
 
 
-main = command(view)
-
-if __name__ == "__main__":
-    main()
+run = command(view)

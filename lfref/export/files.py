@@ -28,6 +28,7 @@ from lfref.functional.psnr import psnr
 from lfref.io import atomic, tensor_files
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
+from lfref.nets.network import Network
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, exported, load
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
@@ -279,7 +280,7 @@ def _write_weights(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> R
         raise InputError(f"{tensor_files.SUFFIX} holds networks and refiners", got=refocuser.name, remedy=remedy)
     state = {checkpoint.PREFIX + name: weight for name, weight in module.state_dict().items()}
     checkpoint.write_weights(path, {"lfref": entry, "state_dict": state}, {})
-    return load(path)
+    return load(path, net=type(module) if isinstance(module, Network) else None)
 
 
 WRITERS: dict[str, Callable[[Path, Refocuser, tuple[int, int]], Refocuser]] = {

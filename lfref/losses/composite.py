@@ -81,10 +81,10 @@ class CompositeLoss(nn.Module):
 
     Args:
         weights: Weight of each term by name, finite and at least 0; a term with weight 0 is not computed.
-        terms: The functions that the names stand for.
+        terms: Functions of further names beside those of `TERMS`.
 
     Raises:
-        InputError: A name is not in `terms`, a weight is negative or not finite, or no weight is above 0.
+        InputError: A name has no function, a weight is negative or not finite, or no weight is above 0.
 
     Example:
         >>> target = torch.rand(2, 3, 16, 16)
@@ -93,8 +93,9 @@ class CompositeLoss(nn.Module):
         0.0
     """
 
-    def __init__(self, weights: Mapping[str, float] = PAPER_WEIGHTS, terms: Mapping[str, Term] = TERMS) -> None:
+    def __init__(self, weights: Mapping[str, float] = PAPER_WEIGHTS, terms: Mapping[str, Term] | None = None) -> None:
         super().__init__()
+        terms = TERMS | dict(terms or {})
         self.weights = _checked_weights(weights, terms)
         """Weights above 0 by name."""
         self._functions = {name: terms[name] for name in self.weights}

@@ -2,7 +2,7 @@
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
 beside them. A safetensors file holds the same without Lightning's entries. Reading is `weights_only`, URLs are refused,
-and networks are built from a table of names, no larger than the file.
+and networks are built from a table of names, or of the class that the caller gives, no larger than the file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor, nn
 
-from lfref import extensions
 from lfref.errors import CheckpointError, InputError, counted, first_line
 from lfref.geometry import FocalPlanes, planes_from
 from lfref.io import tensor_files
@@ -21,8 +20,6 @@ from lfref.nets.refnet import RefNet
 
 NETWORKS: dict[str, type[Network]] = {RefNet.name: RefNet}
 """Networks of ours that checkpoints may hold, by name."""
-CLASS = "class"
-"""Key of a network's class from another package, which must declare the class, or be allowed (`lfref.extensions`)."""
 FORMAT = 2
 FORMATS = (1, FORMAT)
 """Formats that can be read; format 1 kept alphas in place of slopes."""
@@ -34,8 +31,9 @@ PREFIX = "net."
 def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> dict[str, Any]:
     """The entry `lfref` of a checkpoint, which describes the network; `is_linear`: whether it reads linear light."""
     kind = type(network)
-    foreign = {} if NETWORKS.get(network.name) is kind else {CLASS: f"{kind.__module__}.{kind.__qualname__}"}
-    arguments = {"name": network.name, **foreign, **network.config}
+    # The full name of another class is only read by people: no class is imported because a file names it.
+    name = network.name if NETWORKS.get(network.name) is kind else f"{kind.__module__}.{kind.__qualname__}"
+    arguments = {"name": name, **network.config}
     return {"format": FORMAT, "network": arguments, "planes": planes.as_dict(), "is_linear": is_linear}
 
 
@@ -88,12 +86,17 @@ def read(path: str | Path) -> dict[str, Any]:
     return contents
 
 
-def restore(path: str | Path) -> tuple[Network, FocalPlanes]:
-    """The network of a checkpoint, on the CPU, and its planes; CheckpointError if it holds no network."""
-    return restored(path, read(path))
+def restore(path: str | Path, net: type[Network] | None = None) -> tuple[Network, FocalPlanes]:
+    """The network of a checkpoint, on the CPU, and its planes; CheckpointError if it holds no network.
+
+    `net` is the class of a network that is not one of ours.
+    """
+    return restored(path, read(path), net)
 
 
-def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, FocalPlanes]:
+def restored(
+    path: str | Path, contents: Mapping[str, Any], net: type[Network] | None = None
+) -> tuple[Network, FocalPlanes]:
     """The network and planes of `restore`, from the contents that `read` returned; errors name `path`."""
     entry = contents["lfref"]
     if entry.get("format") not in FORMATS:
@@ -101,9 +104,10 @@ def restored(path: str | Path, contents: Mapping[str, Any]) -> tuple[Network, Fo
     try:
         arguments = dict(entry["network"])
         name = arguments.pop("name", None)
-        kind: Any = extensions.load_class(arguments.pop(CLASS)) if CLASS in arguments else NETWORKS.get(name)
-        if not (isinstance(kind, type) and issubclass(kind, Network)):
-            raise CheckpointError(f"{path} must hold one of {', '.join(NETWORKS)}", got=name, remedy="update lfref")
+        kind = NETWORKS.get(name) if net is None else net
+        if kind is None:
+            expected, remedy = f"{path} must hold one of our networks", "give its class: load(path, net=CLASS)"
+            raise CheckpointError(expected, got=name, remedy=remedy)
         if kind is RefNet:
             arguments.setdefault("padding", "zeros")  # files of before there was a choice
         planes = planes_from(entry["planes"])

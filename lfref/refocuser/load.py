@@ -23,7 +23,9 @@ from lfref.refocuser.refocuser import Refocuser, check_for_network
 CPU = torch.device("cpu")
 
 
-def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> Refocuser:
+def load(
+    path: str | Path | None = None, device: str | torch.device = "cpu", net: type[Network] | None = None
+) -> Refocuser:
     """Read a trained refocuser.
 
     Args:
@@ -31,6 +33,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
             `lfref export` wrote, `NAME.onnx` or `NAME.safetensors`. A model that ships with lfref:
             `refnet` (7x7 views, the paper's 16 planes), or `learned`, which None means too (any planes, any even grid).
         device: Where the network goes; exported files run on the CPU, wherever views are.
+        net: Class of the network in a checkpoint, if it is not one of ours.
 
     Returns:
         A callable from a light field or views [..., V, U, C, H, W] to a stack [..., N, C, H, W], with `planes`.
@@ -56,7 +59,7 @@ def load(path: str | Path | None = None, device: str | torch.device = "cpu") -> 
     contents = checkpoint.read(path)
     if networks.REFINER in contents["lfref"]:
         return networks.restored_refiner(path, contents, run_name(path), device)
-    return networks.restored_network(path, contents, run_name(path), device)
+    return networks.restored_network(path, contents, run_name(path), device, net)
 
 
 DESCRIPTION = "lfref"

@@ -258,10 +258,14 @@ def learned(
 
 
 def restored_network(
-    path: Path, contents: Mapping[str, Any], name: str, device: str | torch.device = "cpu"
+    path: Path,
+    contents: Mapping[str, Any],
+    name: str,
+    device: str | torch.device = "cpu",
+    net: type[Network] | None = None,
 ) -> NetworkRefocuser:
-    """The refocuser of a checkpoint of a network; arguments and errors as for `restored_refiner`."""
-    network, planes = checkpoint.restored(path, contents)
+    """The refocuser of a checkpoint; as `restored_refiner`, `net` being the class of a network that is not ours."""
+    network, planes = checkpoint.restored(path, contents, net)
     return NetworkRefocuser(network.to(device), planes, name, contents["lfref"].get("is_linear"))
 
 

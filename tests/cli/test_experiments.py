@@ -55,7 +55,7 @@ def members():
     found = []
     for path in sorted(configs.directory("sweeps").glob("*.yaml")):
         parameters = yaml.safe_load(path.read_text())["parameters"]
-        choices = [[f"{key}={value}" for value in entry["values"]] for key, entry in parameters.items()]
+        choices = [[f"{key}={value}" for value in entry.get("values", ())] for key, entry in parameters.items()]
         found += thinned(itertools.product(*choices))
     return found
 
