@@ -1,79 +1,95 @@
-"""Parts of all commands: one line for a user's mistake, a run folder with its configuration, progress, device."""
+"""Parts of all commands: a run folder with its configuration, one line for a user's mistake, progress, device."""
 
 import itertools
 import logging
-import math
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import torch
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig, open_dict
 
 from lfref.cli import config as configs
-from lfref.cli import resume
-from lfref.cli.exit_codes import Stopped, fail
-from lfref.cli.run_folder import is_first_process, marked
-from lfref.errors import InputError, LfrefError
+from lfref.cli.main import fail
+from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import run as runs
+from lfref.io.run import Run, key_of
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-Task = Callable[[DictConfig, Path], None]
-Prepare = Callable[[DictConfig, Path], bool]
-Result = Callable[[DictConfig, Path], float | None]
+Task = Callable[[DictConfig, Path], float | None]
 Item = TypeVar("Item")
 
 log = logging.getLogger("lfref")
 
 
-def command(
-    task: Task,
-    prepare: Prepare = lambda config, folder: True,
-    result: Result = lambda config, folder: None,
-) -> Callable[[DictConfig], float | None]:
-    """Make what `main` runs of a function (configuration, run folder).
-
-    `prepare` (configuration, run folder) runs before the task, and returns False if there is nothing to do.
-    `result` (configuration, run folder) is what a sweeper gets from a finished job, also from one that was finished
-    before; a failed job returns NaN.
-    """
+def command(task: Task) -> Callable[[DictConfig], float | None]:
+    """Make what Hydra runs of a function (configuration, run folder), which returns what a sweeper compares jobs by."""
     name = Path(task.__code__.co_filename).stem
 
     def run(config: DictConfig) -> float | None:
-        folder = Path(HydraConfig.get().runtime.output_dir)
+        folder, overrides = Path(HydraConfig.get().runtime.output_dir), list(HydraConfig.get().overrides.task)
         with open_dict(config):
             config.folder = str(folder)
         try:
-            if prepare(config, folder):
-                with marked(folder) if is_first_process() else nullcontext():
-                    if is_first_process():
-                        configs.save(config, folder)
-                        runs.write_overrides(folder, list(HydraConfig.get().overrides.task))
-                    task(config, folder)
-            return result(config, folder) if resume.is_sweep_job() else None
-        except Stopped as stopped:
-            # Training adds its checkpoint itself; a sweep goes on by its own command.
-            goes_on = "resume" in config and name != "train" and not resume.is_sweep_job()
-            if goes_on and (folder / runs.OVERRIDES).is_file():
-                stopped.add_note(f"go on by lfref {name} resume={folder}")
-            raise
-        except Exception as error:
-            if resume.is_sweep_job():
-                resume.record_failure(error)
-                return math.nan
+            claim(config, folder, overrides)
+            if is_first_process():
+                configs.save(config, folder)
+                runs.write_overrides(folder, overrides)
+            return task(config, folder)
+        except (LfrefError, OSError) as error:
+            if is_sweep_job():  # Hydra goes on with the other jobs, and names this one at the end
+                log.error("%s failed: %s", folder, error)
+                raise
             if isinstance(error, LfrefError):
                 fail(name, error)
-            if isinstance(error, OSError):
-                fail(name, f"files must be readable and writable; got {error.filename or 'one'} ({error.strerror})")
-            raise
+            fail(name, f"files must be readable and writable; got {error.filename or 'one'} ({error.strerror})")
 
     return run
+
+
+def claim(config: DictConfig, folder: Path, overrides: Sequence[str]) -> None:
+    """Refuse a folder that has files, unless the run goes on there; a job of a sweep that ran before goes on.
+
+    Raises:
+        FileError: The folder has files.
+        InputError: A sweep had other jobs.
+    """
+    before = Run(folder)
+    if is_sweep_job() and before.has_begun:
+        if _decisive(before.overrides) != _decisive(overrides):
+            expected = f"{folder} must hold the same job of the sweep"
+            raise InputError(expected, got=" ".join(before.overrides), remedy="give another output")
+        if "resume" in config:
+            config.resume = str(folder)
+    elif is_first_process() and not (config.overwrite or config.get("resume")):
+        # A command that failed before it wrote results leaves its folder free.
+        others = [path.name for path in folder.iterdir() if path.suffix != ".log" and path.name not in runs.NOTES]
+        if others:
+            goes_on = f"resume={folder}, " if "resume" in config and before.has_begun else ""
+            remedy = f"choose another, or give {goes_on}or overwrite=true, which writes over equal names"
+            raise FileError(f"output must be a new or an empty folder; {folder} is not", got=others[0], remedy=remedy)
+
+
+def is_sweep_job() -> bool:
+    """Whether this process runs a job of a sweep."""
+    return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
+
+
+def is_first_process() -> bool:
+    """Whether this process is the only one of its run, or the one that manages the run folder."""
+    return all(os.environ.get(name, "0") == "0" for name in ("RANK", "LOCAL_RANK", "SLURM_PROCID"))
+
+
+def _decisive(overrides: Sequence[str]) -> list[str]:
+    return [word for word in overrides if key_of(word) not in runs.FOLDERS]
 
 
 def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:

@@ -1,10 +1,9 @@
 """`lfref eval`: evaluate checkpoints and operators plane by plane, and draw the paper's two figures."""
 
-import functools
 import json
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import torch
@@ -13,7 +12,7 @@ from torch import Tensor
 
 from lfref.bench import accuracy, timing
 from lfref.bench.evaluation import TRUTH
-from lfref.cli import resume, run_folder, steps
+from lfref.cli import steps
 from lfref.cli.command import command, device_of, log
 from lfref.cli.steps import fixed_planes
 from lfref.data.label_sources import Labels
@@ -73,28 +72,32 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         # All rows of a light field, or none if one of them fails.
         rows.extend(list(accuracy.plane_rows(name, stacks, labels, planes)))
         tables.write_table(folder / PLANES, rows)
-        run_folder.list_also(folder, picture, folder / PLANES)
 
     failure: LfrefError | None = None
-    with _logging(config) as log_evaluation:
-        remaining = {name: path for name, path in fields.items() if name not in done}
-        try:
-            steps.process(remaining, {"reading": read, "evaluating": compute, "writing": write}, "evaluating")
-        except LfrefError as error:
-            if not rows:
-                raise
-            failure = error  # raised after the table of the others
-        table = pd.DataFrame(rows)
-        tables.require(table)
-        summary = accuracy.summaries(table)
-        summary["is_network"] = summary["method"].isin([method.name for method in methods if method.is_network])
-        tables.write_table(folder / "summary.csv", summary)
-        atomic.write_text(folder / "machine.json", json.dumps(timing.facts(device), indent=2) + "\n")
-        if not tables.judged_by_others(summary).empty:
-            if summary["light_field"].nunique() > 1:  # of one light field the table says all
-                drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
-            drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
-        log_evaluation(summary, table, folder)
+    running: list[Any] = []
+    if config.get("logger"):
+        from lfref.cli import loggers  # imported here: Lightning and wandb take seconds
+
+        running = loggers.started(config, "eval")
+    remaining = {name: path for name, path in fields.items() if name not in done}
+    try:
+        steps.process(remaining, {"reading": read, "evaluating": compute, "writing": write}, "evaluating")
+    except LfrefError as error:
+        if not rows:
+            raise
+        failure = error  # raised after the table of the others
+    table = pd.DataFrame(rows)
+    tables.require(table)
+    summary = accuracy.summaries(table)
+    summary["is_network"] = summary["method"].isin([method.name for method in methods if method.is_network])
+    tables.write_table(folder / "summary.csv", summary)
+    atomic.write_text(folder / "machine.json", json.dumps(timing.facts(device), indent=2) + "\n")
+    if not tables.judged_by_others(summary).empty:
+        if summary["light_field"].nunique() > 1:  # of one light field the table says all
+            drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
+        drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
+    if running:
+        loggers.log_evaluation(running, summary, table, folder)
     if (answer := answers.of_evaluation(summary, table)) is not None:
         worst = steps.read_field(fields[answer.worst], config, methods).to(device)
         label = labels_of(answer.worst, worst)[answer.reference]
@@ -109,18 +112,6 @@ def evaluate(config: DictConfig, folder: Path) -> None:
 def _earlier_rows(path: Path) -> list[accuracy.Row]:
     """The rows of a table that a killed run left; none if it left no table."""
     return tables.read_table(path).to_dict("records") if path.is_file() else []
-
-
-@contextmanager
-def _logging(config: DictConfig) -> Iterator[Callable[[pd.DataFrame, pd.DataFrame, Path], None]]:
-    """Start the loggers before the work; yields the function that gives them summary, planes, and the run folder."""
-    if not config.get("logger"):
-        yield lambda summary, table, folder: None
-        return
-    from lfref.cli import loggers  # imported here: Lightning and wandb take seconds
-
-    with loggers.running(config, "eval", without=("csv",)) as running:  # the tables are CSV files already
-        yield functools.partial(loggers.log_evaluation, running)
 
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
@@ -161,4 +152,4 @@ def _write_crops(
     crops.write(folder, view, shown(stacks[answer.ours][plane]), other, shown(label[plane]))
 
 
-run = command(evaluate, resume.go_on)
+run = command(evaluate)

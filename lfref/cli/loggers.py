@@ -1,26 +1,22 @@
-"""Loggers of a run, for every command that has some: they get its configuration, and tables and pictures in one way.
-
-A logger takes what it can: wandb all, TensorBoard tables as text, the others numbers.
-"""
+"""Loggers of `lfref train` and `lfref eval`: which run of Weights & Biases they write to, tables and pictures."""
 
 import contextlib
 import math
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
-import wandb
-from lightning.pytorch.loggers import TensorBoardLogger
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
-from torch import Tensor
 
-from lfref import __version__, extras
+from lfref import __version__
 from lfref.cli import config as configs
-from lfref.cli import wandb_runs
-from lfref.cli.run_folder import is_first_process
-from lfref.io import images
+from lfref.cli.command import is_first_process, is_sweep_job
+from lfref.io import atomic, images
+from lfref.io import run as runs
+from lfref.io.run import Run, key_of
 from lfref.train.callbacks import log_picture
 
 if TYPE_CHECKING:
@@ -30,50 +26,36 @@ SUMMARY, PLANES = "eval/summary", "eval/planes"
 """Names of the tables of an evaluation."""
 SCATTER, QUALITY_BY_PLANE, COMPARISON = "eval/scatter", "eval/quality_by_plane", "eval/comparison"
 """Names of its pictures."""
+ID = "wandb_id.txt"
+"""File in the run folder with the id of its run in wandb, in which a resumed training goes on."""
 
 
-def started(
-    config: DictConfig, job_type: str, without: Sequence[str] = (), compared_by: Sequence[str] = ()
-) -> list[Any]:
-    """The configured loggers, each of which has logged the whole configuration.
-
-    Args:
-        config: The configuration of the command.
-        job_type: Kind of the run, for wandb: the command.
-        without: Names of loggers that are left out.
-        compared_by: Metrics beside which TensorBoard shows the options of runs.
-
-    Raises:
-        InputError: A package is missing, or wandb cannot start a run.
-    """
-    chosen = {name: settings for name, settings in (config.get("logger") or {}).items() if name not in without}
-    if "tensorboard" in chosen:  # Lightning would fail later, and say less
-        extras.check("tensorboard", "logger=tensorboard")
-    built = [(settings, _build(settings, config, job_type)) for settings in chosen.values()]
-    with wandb_runs.one_line_errors():
-        for settings, logger in built:
-            logger.log_hyperparams(configs.plain(config) | {"code": code()})
-            if not is_first_process():
-                continue
-            if wandb_runs.is_wandb(settings):
-                wandb_runs.keep_id(logger, Path(config.folder))
-            if compared_by and isinstance(logger, TensorBoardLogger):
-                _log_options(logger, configs.plain(config), compared_by)
-    return [logger for _, logger in built]
+def started(config: DictConfig, job_type: str) -> list[Any]:
+    """The configured loggers, each of which has logged the whole configuration; `job_type` is the command."""
+    loggers = []
+    for name, settings in (config.get("logger") or {}).items():
+        if name == "csv" and job_type == "eval":  # whose tables are CSV files anyway
+            continue
+        is_wandb = str(settings._target_).endswith("WandbLogger")
+        logger = configs.build(settings, **(_wandb_run(settings, config) | {"job_type": job_type} if is_wandb else {}))
+        logger.log_hyperparams(configs.plain(config) | {"code": code()})
+        if is_wandb and is_first_process():
+            atomic.write_text(Path(config.folder) / ID, f"{logger.version}\n")
+        loggers.append(logger)
+    return loggers
 
 
-@contextlib.contextmanager
-def running(config: DictConfig, job_type: str, without: Sequence[str] = ()) -> Iterator[list[Any]]:
-    """Loggers as of `started`, for a command without a trainer, which would end them."""
-    loggers: list[Any] = []
-    try:
-        loggers = started(config, job_type, without)
-        yield loggers
-        for logger in loggers:
-            logger.finalize("success")
-    finally:
-        if loggers:
-            wandb.finish()  # else the jobs of a multirun share one run
+def _wandb_run(settings: Mapping[str, Any], config: DictConfig) -> dict[str, str]:
+    """Id of the run that goes on in this folder; group of a sweep; name: the overrides without places."""
+    folder, known = Path(config.folder), {}
+    if config.get("resume") and Run.of(config.resume).folder == folder and (folder / ID).is_file():
+        known["id"] = (folder / ID).read_text("utf-8").strip()
+    if is_sweep_job():
+        known["group"] = Path(HydraConfig.get().sweep.dir).absolute().name
+    if HydraConfig.initialized():
+        words = HydraConfig.get().overrides.task
+        known["name"] = " ".join(word for word in words if key_of(word) not in runs.FOLDERS)[:128]
+    return {key: value for key, value in known.items() if value and settings.get(key) is None}
 
 
 def log_evaluation(loggers: Iterable[Any], summary: "pd.DataFrame", planes: "pd.DataFrame", folder: Path) -> None:
@@ -84,45 +66,20 @@ def log_evaluation(loggers: Iterable[Any], summary: "pd.DataFrame", planes: "pd.
         for (method, reference), row in means.iterrows()
         for quality, value in row.items()
     }
-    figures = {name: folder / f"{name.partition('/')[2]}.png" for name in (SCATTER, QUALITY_BY_PLANE)}
-    figures = {name: path for name, path in figures.items() if path.is_file()}  # one light field has no scatter
+    figures = [(name, folder / f"{name.partition('/')[2]}.png", 0) for name in (SCATTER, QUALITY_BY_PLANE)]
     comparisons = [folder / "comparison" / f"{name}.png" for name in summary["light_field"].unique()]
+    figures += [(COMPARISON, path, step) for step, path in enumerate(comparisons)]
     for logger in loggers:
         logger.log_metrics(values, step=0)
-        log_table(logger, SUMMARY, summary)
-        log_table(logger, PLANES, planes)
-        for name, path in figures.items():
-            log_picture(logger, _picture(path), 0, path.stem, name)
-        for step, path in enumerate(comparisons):
-            log_picture(logger, _picture(path), step, path.stem, COMPARISON)
-
-
-def log_table(logger: Any, name: str, table: "pd.DataFrame") -> None:
-    """Give a table to a logger of wandb, or as text to one of TensorBoard."""
-    rows = [[_cell(value) for value in row] for row in table.itertuples(index=False)]
-    if hasattr(logger, "log_table"):
-        logger.log_table(name, columns=[*table.columns], data=rows)
-    elif hasattr(logger.experiment, "add_text"):
-        lines = [[*table.columns], ["---"] * len(table.columns), *rows]
-        logger.experiment.add_text(name, "\n".join(f"| {' | '.join(map(_text, line))} |" for line in lines))
-
-
-def _log_options(logger: Any, config: Mapping[str, Any], metrics: Sequence[str]) -> None:
-    """Enter options and metrics into TensorBoard's table of runs; Lightning would log a first value of each metric."""
-    from torch.utils.tensorboard.summary import hparams  # needs tensorboard, an extra
-
-    options = {key: value if isinstance(value, bool | int | float) else str(value) for key, value in _leaves(config)}
-    for summary in hparams(options, dict.fromkeys(metrics, 0.0)):
-        logger.experiment._get_file_writer().add_summary(summary)
-
-
-def _leaves(node: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Keys such as `net.activation` with their values."""
-    for key, value in node.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
+        if hasattr(logger, "log_table"):
+            for name, table in ((SUMMARY, summary), (PLANES, planes)):
+                rows = [[_cell(value) for value in row] for row in table.itertuples(index=False)]
+                logger.log_table(name, columns=[*table.columns], data=rows)
+        for name, path, step in figures:
+            if path.is_file():  # one light field has no scatter
+                picture = torch.from_numpy(images.to_float(images.read_image(path))).permute(2, 0, 1)
+                log_picture(logger, picture, step, path.stem, name)
+        logger.finalize("success")
 
 
 def code() -> str:
@@ -131,20 +88,6 @@ def code() -> str:
     with contextlib.suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
     return f"lfref {__version__}"
-
-
-def _build(settings: DictConfig, config: DictConfig, job_type: str) -> Any:
-    is_wandb = wandb_runs.is_wandb(settings)
-    return configs.build(settings, **wandb_runs.options(settings, config, job_type) if is_wandb else {})
-
-
-def _picture(path: Path) -> Tensor:
-    """A picture file in [0, 1], [C, H, W]."""
-    return torch.from_numpy(images.to_float(images.read_image(path))).permute(2, 0, 1)
-
-
-def _text(cell: Any) -> str:
-    return "" if cell is None else f"{cell:.4g}" if isinstance(cell, float) else str(cell)
 
 
 def _cell(value: Any) -> Any:

@@ -10,17 +10,18 @@ import os
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import NoReturn
 
 import hydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig, OmegaConf
 
 import lfref
 from lfref import extras
-from lfref.cli import threads
 from lfref.cli.config import directory
-from lfref.cli.exit_codes import exit_line_on_signals, fail, patient_pipes
 from lfref.errors import InputError, LfrefError
+from lfref.io.run import Run, key_of
 
 COMMANDS = {
     "info": "show properties of light fields, the slopes of their scenes, and their defects",
@@ -56,20 +57,16 @@ TAKE_A_WORD = "--cfg", "-c", "--config-dir", "-cd", "--config-path", "-cp", "--c
 
 def main() -> None:
     """Run a command; status 0 if it worked, 1 if it failed, 2 if it does not exist."""
-    threads.set_up()
+    if "OMP_WAIT_POLICY" not in os.environ:  # OpenMP reads it when PyTorch is imported
+        os.environ.setdefault("GOMP_SPINCOUNT", "1000")  # a waiting thread must not take the core of another one
     name, words = sys.argv[1] if len(sys.argv) > 1 else "--help", sys.argv[2:]
     if name in ("-h", "--help", "-V", "--version"):
-        with patient_pipes():
-            print(f"lfref {lfref.__version__}" if name in ("-V", "--version") else usage())
+        print(f"lfref {lfref.__version__}" if name in ("-V", "--version") else usage())
         return
     if name not in COMMANDS:
         fail("COMMAND", InputError(f"command must be one of {', '.join(COMMANDS)}", got=repr(name)), status=2)
     try:
-        words = rewritten(name, words)
-        if any(word.startswith("resume=") for word in words):
-            from lfref.cli import resume  # which needs PyTorch
-
-            words = resume.expanded(name, words)
+        words = resumed(rewritten(name, words))
     except LfrefError as error:
         fail(name, error, status=2)
     start(name, words)
@@ -91,9 +88,16 @@ def start(name: str, words: list[str]) -> None:
         result: float | None = run(config)
         return result
 
-    is_first = all(os.environ.get(rank, "0") == "0" for rank in ("RANK", "LOCAL_RANK", "SLURM_PROCID"))
-    with patient_pipes(), exit_line_on_signals(name if is_first else None):
+    try:
         hydra.main(version_base="1.3", config_path=str(directory()), config_name=name)(task)()
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def fail(name: str, error: object, status: int = 1) -> NoReturn:
+    """Print the error of a command in one line and exit; status 1: the command failed, 2: wrong usage."""
+    print(f"lfref {name}: {' '.join(str(error).split())}", file=sys.stderr)
+    sys.exit(status)
 
 
 def imported(name: str) -> ModuleType:
@@ -136,6 +140,32 @@ def rewritten(command: str, words: list[str]) -> list[str]:
     values = [_quoted(path) for path in paths]
     own = values[0] if len(values) == 1 else f"[{','.join(values)}]"
     return [*others, f"{INPUTS[command]}={own}"] if paths else others
+
+
+def resumed(words: list[str]) -> list[str]:
+    """The words with `resume=RUN` preceded by the overrides of that run and its folder, unless they are given anew.
+
+    `resume=auto` goes on with the run in `output`, if there is one.
+    """
+    given = {key_of(word): _value(word) for word in words if key_of(word) in ("resume", "output")}
+    if (path := given.get("resume")) in (None, "null"):
+        return words
+    words = [word for word in words if key_of(word) != "resume"]
+    if path == "auto":
+        if (path := given.get("output")) is None:
+            raise InputError("resume=auto goes on in output", got="none", remedy="add output=RUN")
+        if not Run(Path(path)).has_begun:
+            return words
+    run = Run.of(path)
+    output = [f"output={_quoted(str(run.folder))}", *words]
+    new = {key_of(word) for word in output} | {"folder", "resume", "overwrite"}
+    return [*(word for word in run.overrides if key_of(word) not in new), *output, f"resume={_quoted(str(path))}"]
+
+
+def _value(word: str) -> str:
+    """The value of an override of a path, as Hydra reads it."""
+    value = OverridesParser.create().parse_override(word).value()
+    return "null" if value is None else str(value)
 
 
 def _readable(path: str, is_multirun: bool) -> str:

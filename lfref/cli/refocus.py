@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from lfref import extras
 from lfref.captures.correct import Corrections
 from lfref.cli import config as configs
-from lfref.cli import resume, steps
+from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError, counted
@@ -81,4 +81,4 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     return refocuser, planes
 
 
-run = command(refocus, resume.go_on)
+run = command(refocus)

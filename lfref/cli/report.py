@@ -3,20 +3,14 @@
 import datetime
 import itertools
 import json
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-from hydra.core.global_hydra import GlobalHydra
-from hydra.errors import HydraException
-from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf import DictConfig
 
 from lfref.cli import config as configs
 from lfref.cli.command import command, log, paths
 from lfref.errors import InputError
-from lfref.report import page, sections, sweeps, tables
+from lfref.report import page, sections, tables
 
 
 def report(config: DictConfig, folder: Path) -> None:
@@ -24,7 +18,7 @@ def report(config: DictConfig, folder: Path) -> None:
     runs = paths(configs.plain(config.runs))
     if not runs:
         raise InputError("there must be something to report", remedy="give runs=[FOLDER,...]")
-    parts = sections.sections(runs, _sweep_options(config))
+    parts = sections.sections(runs)
     problems = [section.problem for section in parts if section.problem]
     if len(problems) == len(parts):
         raise InputError("no section could be made", got="; ".join(problems))
@@ -40,32 +34,6 @@ def _free(path: Path) -> Path:
     """A path that does not exist yet: a second sweep is `sweep_2.csv`."""
     others = (path.with_stem(f"{path.stem}_{number}") for number in itertools.count(2))
     return next(each for each in itertools.chain([path], others) if not each.exists())
-
-
-def _sweep_options(config: DictConfig) -> sweeps.Options:
-    reference = configs.plain(config.reference)
-    values = reference if isinstance(reference, list) else [reference]
-    texts = None if reference is None else tuple(sweeps.as_text(value) for value in values)
-    if not isinstance(config.time, bool):
-        raise InputError("time must be true or false", got=repr(config.time))
-    return sweeps.Options(texts, config.time, defaults)
-
-
-def defaults(overrides: Sequence[str]) -> Mapping[str, str]:
-    """Values of `lfref train` with these overrides, as text; empty if they do not fit this version of lfref.
-
-    A run folder may come from somebody else: overrides that could make Hydra read other files are left out.
-    """
-    harmless = [word for word in overrides if "$" not in word and ".." not in word and not word.startswith("hydra")]
-    # An entry such as `metrics.x=...` may be one that the run added; `net=refnet` is a choice, which has no dot.
-    words = [f"++{word}" if "." in word.partition("=")[0] else word for word in harmless]
-    try:
-        config = GlobalHydra.instance().config_loader().load_configuration("train", words, RunMode.RUN)
-        choices: Any = OmegaConf.to_container(config.hydra.runtime.choices)
-        entries: Any = OmegaConf.to_container(config, resolve=False)
-    except (HydraException, OmegaConfBaseException):
-        return {}
-    return sweeps.flat(choices) | sweeps.flat({key: node for key, node in entries.items() if key != "hydra"})
 
 
 def _facts(runs: list[Path]) -> dict[str, object]:

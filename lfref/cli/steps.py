@@ -23,13 +23,13 @@ from lfref.captures import view_order
 from lfref.captures.correct import Corrections, correct_by_option
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
-from lfref.cli import run_folder
 from lfref.cli.command import log, paths, progress, stages
 from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
 from lfref.functional import memory
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic, images, memory_limit, view_folders
 from lfref.io import read as reader
+from lfref.io import run as runs
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocuser.load import CPU, load
@@ -75,15 +75,16 @@ def find_fields(config: DictConfig) -> dict[str, Path]:
 
 
 def read_truth(place: str, name: str, n_fields: int) -> tuple[Tensor, FocalPlanes]:
-    """The truth of a light field and its planes: the stack in a file, or in NAME.exr of a folder.
+    """The truth of a light field and its planes: the stack in a file, or in NAME_truth.exr of a folder.
 
     `lfref simulate` writes such folders. A file is the truth of a single light field.
     """
     path = Path(place)
     if not path.is_dir() and n_fields > 1:
-        remedy = "give the folder truth that lfref simulate wrote"
-        raise InputError(f"truth of {n_fields} light fields must be a folder of NAME.exr", got=str(path), remedy=remedy)
-    return reader.read_stack(path / f"{name}.exr" if path.is_dir() else path)
+        remedy = "give the folder that lfref simulate wrote"
+        expected = f"truth of {n_fields} light fields must be a folder of NAME_truth.exr"
+        raise InputError(expected, got=str(path), remedy=remedy)
+    return reader.read_stack(path / f"{name}_truth.exr" if path.is_dir() else path)
 
 
 def checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: FocalPlanes) -> Tensor:
@@ -98,8 +99,9 @@ def checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: 
 
 def _fields_at(path: Path, folders_are_fields: bool) -> list[Path]:
     """The light fields that a path or a pattern stands for."""
-    if (base := run_folder.pattern_folder(path)) is None:
+    if path.exists() or not set("*?[") & set(str(path)):
         return [path] if folders_are_fields else _fields_in(path)
+    base = next(parent for parent in path.absolute().parents if parent.exists())
     entries = base.glob(str(path.absolute().relative_to(base)))
     matches = sorted((entry for entry in entries if not entry.name.startswith(".")), key=_numbers)
     if not matches:
@@ -115,7 +117,8 @@ def _fields_in(path: Path) -> list[Path]:
     if not path.is_dir() or reader.is_field(path):
         return [path]
     with atomic.file_errors(path, "read"):
-        entries = sorted((child for child in path.iterdir() if reader.is_field(child)), key=_numbers)
+        children = (child for child in path.iterdir() if not child.stem.endswith(view_folders.BESIDE))
+        entries = sorted(filter(reader.is_field, children), key=_numbers)
     if all(map(_is_picture, entries)):
         # Pictures that are no lenslet images are views with unknown names: the reader says what to do.
         return entries if entries and all(map(_is_whole_field, entries)) else [path]
@@ -350,7 +353,7 @@ def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -
     """The result folder of one light field: the run folder for a single input, else RUN/NAME."""
     if {path.resolve()} == {other.resolve() for other in inputs}:
         return folder
-    return folder / (f"{name}_results" if name in run_folder.NOTES or name.endswith(".log") else name)
+    return folder / (f"{name}_results" if name in runs.NOTES or name.endswith(".log") else name)
 
 
 @contextmanager
@@ -359,9 +362,8 @@ def writing(folder: Path, results: Path) -> Iterator[Path]:
     if results == folder:
         yield results
         return
-    with atomic.replacing_folder(results) as partial:
+    with atomic.filling_folder(results) as partial:
         yield partial
-    run_folder.list_also(folder, results)
 
 
 def remaining(fields: Mapping[str, Path], results: Mapping[str, Path], folder: Path) -> dict[str, Path]:

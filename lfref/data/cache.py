@@ -23,7 +23,7 @@ from lfref.captures.correct import AUTO, NONE, correct_by_option
 from lfref.data import stored_fields
 from lfref.data.stored_fields import SUFFIX, StoredCrop, StoredField
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, lytro_files, ownership, view_folders
+from lfref.io import atomic, lytro_files, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 
@@ -50,8 +50,13 @@ def content_hash(path: Path, folder: Path | None = None) -> str:
     state = [(str(file.absolute()), (at := file.stat()).st_size, at.st_mtime_ns, at.st_ctime_ns) for file in files]
     key, hashes = hashlib.sha256(repr(state).encode()).hexdigest(), _hashes(folder)
     if key not in hashes:
-        hashes[key] = hashlib.sha256("".join(map(ownership.digest, files)).encode()).hexdigest()
+        hashes[key] = hashlib.sha256("".join(map(_digest, files)).encode()).hexdigest()
     return hashes[key]
+
+
+def _digest(file: Path) -> str:
+    with atomic.file_errors(file, "read"), file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def store_hashes(folder: Path) -> None:

@@ -87,31 +87,26 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 @contextmanager
-def replacing_folder(path: str | Path) -> Iterator[Path]:
-    """Fill a folder under a temporary name; it replaces `path` only if the body succeeds.
+def filling_folder(path: str | Path) -> Iterator[Path]:
+    """Fill a new folder under a temporary name, which it loses only if the body succeeds; a folder that is there is
+    filled itself, and keeps its other files.
 
     The body must flush its files.
     """
     path = Path(path)
-    partial, old = _partial_name(path), _partial_name(path)
+    if path.is_dir():
+        yield path
+        return
+    partial = _partial_name(path)
     with file_errors(path, "written"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists() and not path.is_dir():
+        if path.exists():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
         try:
             partial.mkdir()
             yield partial
             _flush(partial)
-            # A folder cannot replace a full one: the old one gets another name first, and its own again if that fails.
-            if path.exists():
-                path.rename(old)
-            try:
-                partial.rename(path)
-            except BaseException:
-                if old.exists():
-                    old.rename(path)
-                raise
-            shutil.rmtree(old, ignore_errors=True)
+            partial.rename(path)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
         _flush(path.parent)

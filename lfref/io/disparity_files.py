@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.errors import FileError, InputError
-from lfref.io import atomic, images, ownership
+from lfref.io import atomic, images
 
 RELIEF = 0.25
 """Growth of z per pixel of disparity where cameras are not known, as a share of the picture's shorter side."""
@@ -148,10 +148,9 @@ def write_points(
         table[name] = values
     for channel, name in enumerate(COLOURS):
         table[name] = colours[:, channel]
-    notes = [f"comment {' '.join(line.split())}" for line in (f"written by {ownership.SOFTWARE}", *comments)]
+    notes = [f"comment {' '.join(line.split())}" for line in ("written by lfref", *comments)]
     properties = [f"property {TYPES[kind[1:] if kind[0] == '<' else kind]} {name}" for name, kind in fields]
     header = ["ply", "format binary_little_endian 1.0", *notes, f"element vertex {n_points}", *properties, "end_header"]
-    ownership.check_new(path)
     with atomic.replacing(path) as partial, partial.open("wb") as file:
         file.write(("\n".join(header) + "\n").encode("ascii", "replace"))
         file.write(table.tobytes())
@@ -160,8 +159,8 @@ def write_points(
 HEADER = re.compile(rb"P([Ff])\s+(\d+)\s+(\d+)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)\s", re.ASCII)
 """Header of a PFM file; one byte of white space ends it, and the data follow."""
 LETTERS = {1: b"f", 3: b"F"}
-SCALE = b"-1.0000000000"
-"""Scale of little-endian files. Only lfref writes so many zeros, so that a file with them may be replaced."""
+SCALE = b"-1.0"
+"""Scale of little-endian files."""
 
 
 def read_pfm(path: str | Path) -> NDArray[np.float32]:
@@ -219,12 +218,6 @@ def write_pfm(path: str | Path, values: NDArray) -> None:
     if picture.ndim != 3 or picture.shape[2] not in LETTERS or 0 in picture.shape:
         raise InputError(f"a picture for {path} must be [H, W] or [H, W, 1 or 3]", got=f"shape {values.shape}")
     samples = images.quantised(picture, "float", path)
-    if path.is_file():
-        with atomic.file_errors(path, "read"), path.open("rb") as file:
-            header = HEADER.match(file.read(64))
-        if header is None or header[4] != SCALE:
-            expected = f"{path} must be a PFM file that lfref wrote to be replaced"
-            raise FileError(expected, got="another file", remedy="choose another name, or move that one away")
     height, width, n_channels = samples.shape
     with atomic.replacing(path) as partial:
         first_lines = b"P%s\n%d %d\n%s\n" % (LETTERS[n_channels], width, height, SCALE)

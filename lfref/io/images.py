@@ -8,7 +8,7 @@ its last bytes gives an array and no error.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError, counted, first_line, printable
-from lfref.io import atomic, lengths, ownership
+from lfref.io import atomic, lengths
 
 LIMIT_MB = 1024
 """Largest image to decode, in MiB of the file's own sample type; a 16-bit RGBA ESLF image has 305."""
@@ -239,9 +239,6 @@ def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, qual
     kind = sample_type(path, bits)
     if not (isinstance(quality, int) and 1 <= quality <= 100):
         raise InputError("quality must be a whole number from 1 to 100", got=repr(quality))
-    if path.is_file() and not _is_own(path):
-        expected = f"{path} must be an image that lfref wrote to be replaced"
-        raise FileError(expected, got="another file", remedy="choose another name, or move that one away")
     specs = [_spec(part, kind, path, quality) for part in parts]
     with atomic.replacing(path) as partial:
         output = OpenImageIO.ImageOutput.create(str(partial))
@@ -286,13 +283,6 @@ def writes(suffix: str) -> bool:
     return False
 
 
-def _is_own(path: Path) -> bool:
-    """Whether lfref wrote an image file, by its metadata entry `Software`."""
-    with suppress(FileError), open_image(path) as source:
-        return bool(source.spec().getattribute("Software") == ownership.SOFTWARE)
-    return False
-
-
 def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageSpec:
     shape, suffix = part.samples.shape, path.suffix.lower()
     if len(shape) != 3 or shape[2] not in CHANNELS or 0 in shape:
@@ -311,7 +301,7 @@ def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageS
         "png:compressionLevel": PNG_LEVEL,
         "jpeg:subsampling": "4:4:4",
         "oiio:subimagename": part.name,
-        "Software": ownership.SOFTWARE,
+        "Software": "lfref",
     }
     for name, value in {**attributes, **part.attributes}.items():
         spec.attribute(name, value)

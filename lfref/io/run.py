@@ -6,29 +6,25 @@ pictures/*.png, wandb_id.txt
 
 import csv
 import json
+import math
 import os
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
 import yaml
 
 from lfref.errors import CheckpointError, FileError, first_line
 from lfref.io import atomic
 
-CONFIG, OVERRIDES, OLD_OVERRIDES = "config.yaml", "overrides.yaml", "overrides.txt"
+CONFIG, OVERRIDES = "config.yaml", "overrides.yaml"
+NOTES = CONFIG, OVERRIDES
+"""Files that a run writes before its results."""
 CHECKPOINTS, METRICS, PICTURES = "checkpoints", "log/metrics.csv", "pictures"
 TRAINING = "training.json"
-"""File with size, time and end of a training."""
-FAILURE = ".lfref_failure.json"
-"""File in the folder of a failed job: jobs may run in other processes, which share nothing but files with the sweep."""
-FOLDERS = "output", "folder", "resume"
+"""File with size, time, best value and end of a training."""
+FOLDERS = "output", "folder", "resume", "overwrite"
 """Keys of overrides that say where a run lies."""
-
-_NEXT_OVERRIDE = re.compile(r"\s+(?=~|\+{0,2}[\w./@:-]+=)")
-"""Space between two overrides in the older file; values hold spaces too."""
 
 
 @dataclass(frozen=True)
@@ -46,17 +42,12 @@ class Run:
         is_checkpoint = place.suffix == ".ckpt" or place.is_file()
         folder = place.parent.parent if is_checkpoint else place
         if is_checkpoint and not place.is_file():
-            raise CheckpointError(
-                f"no checkpoint at {path}", remedy=f"give a run folder, or RUN/{CHECKPOINTS}/last.ckpt"
-            )
+            remedy = f"give a run folder, or RUN/{CHECKPOINTS}/last.ckpt"
+            raise CheckpointError(f"no checkpoint at {path}", remedy=remedy)
         if not (folder / CONFIG).is_file():
             kind = CheckpointError if is_checkpoint else FileError
             raise kind(f"{path} must be a run folder or a checkpoint in one", got=f"no {folder / CONFIG}")
         return cls(folder, place if is_checkpoint else None)
-
-    def is_in(self, folder: str | Path) -> bool:
-        """Whether this is the run of a folder, however its path is written."""
-        return self.folder == Path(os.path.abspath(folder))  # noqa: PTH100  as in `of`
 
     @property
     def name(self) -> str:
@@ -69,28 +60,26 @@ class Run:
         return _read_yaml(self.folder / CONFIG, dict)
 
     @property
+    def has_begun(self) -> bool:
+        """Whether a command has begun a run here."""
+        return (self.folder / OVERRIDES).is_file()
+
+    @property
     def title(self) -> str:
         """The overrides of the command line in one line; the name where no file holds them."""
-        notes = (self.folder / OVERRIDES, self.folder / OLD_OVERRIDES)
-        return " ".join(self.overrides) if any(note.is_file() for note in notes) else self.name
+        return " ".join(self.overrides) if self.has_begun else self.name
 
     @property
     def overrides(self) -> list[str]:
         """The overrides of the command line, one `key=value` an entry."""
-        old = self.folder / OLD_OVERRIDES
-        if (self.folder / OVERRIDES).exists() or not old.is_file():
-            return _read_yaml(self.folder / OVERRIDES, list)
-        return [override for override in _NEXT_OVERRIDE.split(old.read_text("utf-8").strip()) if override]
+        return [str(override) for override in _read_yaml(self.folder / OVERRIDES, list)]
 
     @property
     def training(self) -> dict[str, Any]:
-        """Number of parameters, seconds, device and end of the training; empty for a run of an older version."""
-        return _read_json(self.folder / TRAINING)
-
-    @property
-    def failure(self) -> dict[str, Any]:
-        """Why this job of a sweep failed: `overrides` and `reason`; empty if it did not."""
-        return _read_json(self.folder / FAILURE)
+        """Number of parameters, seconds, device, best value and end of the training; empty if there is none."""
+        path = self.folder / TRAINING
+        contents = json.loads(path.read_text("utf-8")) if path.is_file() else {}
+        return dict(contents)
 
     @property
     def best(self) -> Path:
@@ -99,7 +88,7 @@ class Run:
 
     @property
     def last(self) -> Path:
-        """Checkpoint of the last finished epoch."""
+        """The newest checkpoint."""
         # A run that is killed at its first checkpoints may have only the best one, which is written before the last.
         return self._checkpoint("last", "best")
 
@@ -114,7 +103,15 @@ class Run:
         path = self.folder / METRICS
         with atomic.file_errors(path, "read"), path.open(newline="", encoding="utf-8") as file:
             rows = [row for row in csv.DictReader(file) if None not in row and None not in row.values()]
-        return [{name: float(cell) if cell else None for name, cell in row.items()} for row in rows]
+        numbers = [{name: float(cell) if cell else None for name, cell in row.items()} for row in rows]
+        # A training that went on from a checkpoint has logged the steps after it twice.
+        kept, first = [], math.inf
+        for row in reversed(numbers):
+            step = row.get("step")
+            if step is None or step <= first:
+                kept.append(row)
+                first = first if step is None else step
+        return kept[::-1]
 
     @property
     def pictures(self) -> list[Path]:
@@ -124,9 +121,7 @@ class Run:
     @property
     def is_finished(self) -> bool:
         """Whether training reached its end."""
-        if self.training.get("is_finished"):
-            return True
-        return self.has_checkpoints and is_trained(self.last, self.config.get("trainer", {}))
+        return bool(self.training.get("is_finished"))
 
     def _checkpoint(self, *names: str) -> Path:
         folder = self.folder / CHECKPOINTS
@@ -153,44 +148,6 @@ def write_overrides(folder: Path, overrides: list[str]) -> None:
     atomic.write_text(folder / OVERRIDES, yaml.safe_dump(overrides, width=10_000, allow_unicode=True))
 
 
-def epochs_done(checkpoint: Path) -> int:
-    """Number of epochs of training before a checkpoint."""
-    return int(_progress(checkpoint)["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"])
-
-
-def steps_done(checkpoint: Path) -> int:
-    """Number of steps of the optimiser before a checkpoint."""
-    return int(_progress(checkpoint)["global_step"])
-
-
-def best_value(checkpoint: Path, monitor: str) -> float | None:
-    """Best value of a metric such as `val/mpsnr` before a checkpoint; None if no callback of the training kept it."""
-    states = [state for state in _progress(checkpoint).get("callbacks", {}).values() if isinstance(state, dict)]
-    values = [state.get("best_model_score") for state in states if state.get("monitor") == monitor]
-    return next((float(value) for value in values if value is not None), None)
-
-
-def is_trained(checkpoint: Path, trainer: dict[str, Any]) -> bool:
-    """Whether a checkpoint has reached `max_epochs` or `max_steps` of a trainer; a missing one or -1 sets no end."""
-    done = {"max_epochs": epochs_done(checkpoint), "max_steps": steps_done(checkpoint)}
-    lengths = {name: trainer.get(name) for name in done}
-    return any(length is not None and 0 <= length <= done[name] for name, length in lengths.items())
-
-
-def _progress(checkpoint: Path) -> dict[str, Any]:
-    """Contents of a checkpoint with its training state; the tensors stay on the disk."""
-    try:
-        contents = torch.load(checkpoint, map_location="cpu", weights_only=True, mmap=True)
-    # The unpickler may raise any error for a foreign file.
-    except Exception as error:
-        raise CheckpointError(f"{checkpoint} is damaged or no checkpoint") from error
-    if not (isinstance(contents, dict) and {"loops", "global_step", "optimizer_states"} <= contents.keys()):
-        raise CheckpointError(
-            f"{checkpoint} holds a network but no training to resume", remedy=f"give RUN/{CHECKPOINTS}/last.ckpt"
-        )
-    return contents
-
-
 def _read_yaml(path: Path, kind: type) -> Any:
     try:
         with atomic.file_errors(path, "read"):
@@ -199,18 +156,4 @@ def _read_yaml(path: Path, kind: type) -> Any:
         raise FileError(f"{path} must be YAML", got=first_line(error)) from error
     if not isinstance(contents, kind):
         raise FileError(f"{path} must hold a {kind.__name__}", got=type(contents).__name__)
-    return contents
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    """A JSON object; empty if there is no file."""
-    if not path.is_file():
-        return {}
-    try:
-        with atomic.file_errors(path, "read"):
-            contents = json.loads(path.read_text("utf-8"))
-    except ValueError as error:
-        raise FileError(f"{path} must be JSON", got=first_line(error)) from error
-    if not isinstance(contents, dict):
-        raise FileError(f"{path} must hold an object", got=type(contents).__name__)
     return contents

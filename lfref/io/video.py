@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from lfref import extras
 from lfref.errors import FileError, InputError, counted, first_line
-from lfref.io import atomic, grid, images, lengths, ownership
+from lfref.io import atomic, grid, images, lengths
 from lfref.io.options import ReadOptions
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) ->
     """Write a film.
 
     Args:
-        path: A new file, `.mp4` or `.gif`; missing parent folders are created.
+        path: A file, `.mp4` or `.gif`; missing parent folders are created.
         frames: Pictures encoded for the screen, RGB, uint8, all of one shape [H, W, 3]. MP4 repeats the last row or
             column of an odd side; a GIF is at most `GIF_SIDE` pixels long and wide.
         rate: Frames a second, from 0.01 to 100; a GIF rounds each frame's time to 1/100 s.
@@ -166,7 +166,6 @@ def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) ->
         raise InputError(f"{path} must end in {' or '.join(WRITERS)}", remedy="choose another suffix")
     if not 0.01 <= rate <= 100:
         raise InputError("rate must be from 0.01 to 100 frames a second", got=rate)
-    ownership.check_new(path)
     with atomic.replacing(path) as partial:
         _write(partial, path, _checked(frames), Fraction(rate).limit_denominator(1000))
 
@@ -197,7 +196,7 @@ def _write(partial: Path, path: Path, frames: Iterator[Frame], rate: Fraction) -
     try:
         write, options = WRITERS[path.suffix.lower()]
         with av.open(str(partial), "w", options=options) as container:
-            container.metadata["comment"] = ownership.SOFTWARE
+            container.metadata["comment"] = "lfref"
             write(container, frames, rate)
     except av.FFmpegError as error:
         reason = first_line(error)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from lfref import encoding as encodings
 from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError, LfrefError, counted
-from lfref.io import atomic, grid, images, ownership
+from lfref.io import atomic, grid, images
 from lfref.io.options import ReadOptions
 from lfref.io.view_names import NamedFile, compiled, fields_of, fitting_option, groups_of, numbered_fields
 
@@ -35,6 +35,8 @@ N_NAMED = 5
 """Most pictures that are named in the log as left out."""
 GAMMAS = (0.1, 10.0)
 """Smallest and largest plausible exponent in a header."""
+BESIDE = "_truth", "_disparity", "_all_in_focus", "_masks", "_sheet"
+"""Ends of the names of pictures that `lfref simulate` writes beside views."""
 N_WRITERS = 4
 """Number of images that are compressed, and held in memory, at the same time."""
 
@@ -63,16 +65,14 @@ def _alike(field: list[NamedFile]) -> list[NamedFile]:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """The image files of a folder, by suffix, hidden ones left out, sorted."""
+    """The image files of a folder, by suffix, sorted; hidden ones and those beside simulated views are left out."""
     with atomic.file_errors(folder, "read"):
         files = [path for path in folder.iterdir() if path.suffix.lower() in images.SUFFIXES and path.is_file()]
-    return sorted(path for path in files if not path.name.startswith("."))
+    return sorted(path for path in files if not path.name.startswith(".") and not path.stem.endswith(BESIDE))
 
 
 def is_field(folder: Path) -> bool:
-    """Whether a folder holds files that are named like sub-aperture views, and is not marked as other pictures."""
-    if (mark := ownership.read_mark(folder)) is not None and mark.kind == ownership.PICTURES:
-        return False
+    """Whether a folder holds files that are named like sub-aperture views."""
     files = image_files(folder)
     return bool(fields_of(files)) or any(map(_looks_like_views, numbered_fields(files)))
 
@@ -312,15 +312,14 @@ def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
     stem = path.absolute().name.lstrip(".") or "view"
     images.sample_type(path / "x.png", bits)
     named = ((f"{stem}_{row:02d}_{column:02d}.png", views[row, column]) for row, column in np.ndindex(views.shape[:2]))
-    write_images(path, named, "views", bits)
+    write_images(path, named, bits)
 
 
 def write_images(
-    path: Path, named: Iterable[tuple[str, NDArray]], kind: str, bits: int | None, quality: int = images.QUALITY
+    path: Path, named: Iterable[tuple[str, NDArray]], bits: int | None, quality: int = images.QUALITY
 ) -> None:
-    """Write named images [C, H, W] as a folder, which replaces an older one of its kind (`views` or `planes`)."""
-    ownership.check_folder(path, kind)
-    with atomic.replacing_folder(path) as partial, ThreadPoolExecutor(N_WRITERS) as pool:
+    """Write named images [C, H, W] into a folder, which is new as a whole, or gets all images that are not there."""
+    with atomic.filling_folder(path) as partial, ThreadPoolExecutor(N_WRITERS) as pool:
         # Several images at a time: compression is most of the work, and releases the interpreter's lock.
         running = deque[Future[None]]()
         for name, image in named:
@@ -330,4 +329,3 @@ def write_images(
             running.append(pool.submit(images.write_image, partial / name, channels_last, bits=bits, quality=quality))
         for future in running:
             future.result()
-        ownership.write_mark(partial, kind, ownership.digests(partial, ownership.files_below(partial)))

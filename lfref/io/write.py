@@ -13,7 +13,7 @@ from torch import Tensor
 
 from lfref import encoding as encodings
 from lfref.encoding import Encoding
-from lfref.errors import InputError
+from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import exr, images, view_folders
 from lfref.lightfield import LightField
@@ -22,7 +22,7 @@ SUFFIXES = ("", ".exr")
 """Suffixes of paths that light fields and stacks are written to; "" for a folder."""
 
 
-def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Path:
+def write(path: str | Path, field: LightField, *, bits: int | None = None, overwrite: bool = False) -> Path:
     """Write a light field so that `read` gives it back, exact up to the rounding to these bits.
 
     Samples that are no light (`is_linear` false) are kept as they are: read them with `encoding="none"`.
@@ -33,6 +33,7 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
             is linear, and clipped to [0, 1]. The weight is the last channel.
         field: The light field, C 1 or 3. Its name is not kept: `read` names a light field after its path.
         bits: Bits per sample: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
+        overwrite: Write over files of equal names; other files in a folder stay.
 
     Returns:
         The path.
@@ -40,7 +41,7 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
     Raises:
         InputError: Views hold NaN or infinity, cameras stand at positions of their own, or the suffix, depth or number
             of channels cannot be written.
-        FileError: The disk refuses, or the path holds anything but an unedited light field of `write`.
+        FileError: The disk refuses, or the path exists.
 
     Example:
         >>> field = lfref.LightField(torch.rand(3, 3, 3, 24, 32))
@@ -49,7 +50,7 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None) -> Pa
         True
     """
     path, views = Path(path), field.views
-    _check(path, views)
+    _check(path, views, overwrite)
     if field.positions is not None:
         expected, got = f"{path} holds views of cameras on an even grid", "cameras at positions of their own"
         remedy = "write it without positions, and read it with positions=FILE or spacing=[ROWS,COLUMNS]"
@@ -70,6 +71,7 @@ def write_stack(
     *,
     bits: int | None = None,
     encoding: Encoding = encodings.SRGB,
+    overwrite: bool = False,
 ) -> Path:
     """Write a refocused stack; returns the path.
 
@@ -80,11 +82,12 @@ def write_stack(
         planes: The N planes.
         bits: Bits per sample: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
         encoding: Encoding of pictures; EXR files hold the stack as it is.
+        overwrite: Write over files of equal names; without it, FileError if the path exists.
     """
     path = Path(path)
     if stack.ndim != 4 or len(stack) != len(planes):
         raise InputError(f"stack must be [N, C, H, W] with N = {len(planes)} planes", got=f"shape {list(stack.shape)}")
-    _check(path, stack)
+    _check(path, stack, overwrite)
     samples = (stack if path.suffix else encoding.encode(stack)).detach().to("cpu", torch.float32).numpy()
     if path.suffix:
         exr.write_planes(path, samples, planes, bits)
@@ -115,11 +118,13 @@ def write_pictures(
     images.sample_type(Path(path) / f"x{suffix}", bits)
     names = (re.sub(r"[, ]+", "_", title) for title in planes.titles)
     files = (f"plane_{n:02d}_{name}{suffix}" for n, name in enumerate(names))
-    view_folders.write_images(Path(path), zip(files, pictures, strict=True), "planes", bits, quality)
+    view_folders.write_images(Path(path), zip(files, pictures, strict=True), bits, quality)
     return Path(path)
 
 
-def _check(path: Path, light: Tensor) -> None:
+def _check(path: Path, light: Tensor, overwrite: bool) -> None:
+    if path.exists() and not overwrite:
+        raise FileError(f"{path} must be new", got="one that is there", remedy="choose another, or overwrite=True")
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path} must end in .exr, or have no suffix for a folder", remedy="choose another name")
     if light.shape[-3] not in (1, 3):

@@ -86,7 +86,7 @@ def write_results(folder: Path, refocused: Refocused, options: Iterable[str] = (
 
 
 def _stack(folder: Path, refocused: Refocused) -> None:
-    write.write_stack(folder / "stack.exr", refocused.stack, refocused.planes)
+    write.write_stack(folder / "stack.exr", refocused.stack, refocused.planes, overwrite=True)
 
 
 def _planes(folder: Path, refocused: Refocused) -> None:

@@ -18,7 +18,6 @@ SUMMARY, PLANES = "summary.csv", "planes.csv"
 """Tables of an evaluation."""
 SHEETS = "contact_sheet.png", "*/contact_sheet.png"
 """Pictures of a refocusing run, of one light field and of several."""
-AS_USUAL = sweeps.Options()
 CONFIG = "config.yaml"
 """File that every command leaves in its run folder, even if it fails."""
 PICTURES = {
@@ -40,25 +39,20 @@ EXPLAINED = (
 )
 
 
-def sections(folders: Sequence[Path], options: sweeps.Options = AS_USUAL) -> list[Section]:
+def sections(folders: Sequence[Path]) -> list[Section]:
     """One section per kind of result in the run folders, in their order; a section without content says why.
 
     Args:
         folders: Run folders of `lfref train`, `eval`, `refocus`, `bench`, or of a multirun.
-        options: How sweeps are shown.
 
     Raises:
         FileError: A folder is missing, or is no run folder of lfref.
     """
-
-    def sweep(folder: Path) -> Section:
-        return sweeps.section(folder, options)
-
     kinds = [
         (
             folder,
             [make for pattern, make in MAKERS.items() if any(folder.glob(pattern))]
-            + ([sweep] if sweeps.is_sweep(folder) and not any(folder.glob(f"*/{SUMMARY}")) else []),
+            + ([sweeps.section] if sweeps.is_sweep(folder) and not any(folder.glob(f"*/{SUMMARY}")) else []),
         )
         for folder in folders
     ]
@@ -87,7 +81,7 @@ def unfinished(folder: Path) -> Section:
 
 
 def training(folder: Path) -> Section:
-    """Curves of a training run, its rise in validation, and all other metrics that were logged."""
+    """Curves of a training run, its rise in validation, and its pictures."""
     metrics = tables.read_table(folder / METRICS)
     values = tables.require_numbers(metrics, "val/mpsnr")["val/mpsnr"]
     first, best = values.iloc[0], values.max()
@@ -98,8 +92,6 @@ def training(folder: Path) -> Section:
     figures = {"Loss, its terms, and validation": plots.training_curves(metrics)}
     if (planes := plots.validation_by_plane(metrics)) is not None:
         figures["Validation by plane"] = planes
-    if (others := plots.other_metrics(metrics)) is not None:
-        figures["Other metrics that were logged"] = others
     last: dict[str, Path] = {}
     for pattern, caption in PICTURES.items():
         if pictures := sorted((folder / "pictures").glob(pattern)):

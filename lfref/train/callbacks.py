@@ -1,8 +1,8 @@
 """Callbacks, logger and checkpoint files of a training.
 
 `StepGuard` keeps numbers that are not finite out of weights and checkpoints; `Initialization` starts the weights;
-`StackPictures` shows progress; `Pace` logs learning rate and speed; `RankAgreement` compares the processes
-of a distributed run; `TrainingRecord` notes time and size.
+`StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run; `TrainingRecord` notes time
+and size.
 The module stands apart from the command, since configurations name its classes.
 """
 
@@ -35,8 +35,6 @@ COUNTS = {"skipped": "max", "overflowed": "max", "resampled": "sum"}
 """Counts of `StepGuard`, logged as `train/NAME` and kept across a resume -> how processes combine them."""
 PICTURE = "val/stack"
 """Name of the picture of patches that loggers get."""
-LEARNING_RATE, PATCHES_PER_SECOND = "train/lr", "train/patches_per_s"
-"""Names of what `Pace` logs."""
 LEAST_SCALE = 1.0
 """Least scale of float16's loss at which a gradient that is not finite counts as an overflow."""
 
@@ -155,17 +153,10 @@ class StepGuard(Callback):
 
 
 class BestCheckpoint(ModelCheckpoint):
-    """Keeps the checkpoint with the best monitored value; a value that is not finite is never the best."""
-
-    def check_monitor_top_k(self, trainer: Trainer, current: Tensor | None = None) -> bool:
-        """Whether to save. Lightning's own method accepts any first value, also NaN."""
-        if current is not None and not current.isfinite():
-            log.warning("epoch %d: %s is not finite: best checkpoint unchanged", trainer.current_epoch, self.monitor)
-            return False
-        return super().check_monitor_top_k(trainer, current)
+    """Lightning's own, which here remembers the best value also if the run folder has moved."""
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Restore the best score. Lightning's own method forgets it if the run folder has moved."""
+        """Restore the best value."""
         own = {name: self._here(state_dict[name]) for name in ("best_model_path", "kth_best_model_path")}
         best = {self._here(path): score for path, score in state_dict["best_k_models"].items()}
         super().load_state_dict(state_dict | own | {"best_k_models": best, "dirpath": self.dirpath})
@@ -300,29 +291,6 @@ def _quality(patch: HeldOutPatch) -> float:
     return patch.mpsnr
 
 
-class Pace(Callback):
-    """Logs the learning rate of each step, and the patches a second of all processes since the epoch began."""
-
-    def __init__(self) -> None:
-        self._start, self._n_patches = 0.0, 0
-
-    def on_train_epoch_start(self, trainer: Trainer, module: Any) -> None:
-        """Start the clock."""
-        self._start, self._n_patches = time.monotonic(), 0
-
-    def on_before_optimizer_step(self, trainer: Trainer, module: Any, optimizer: torch.optim.Optimizer) -> None:
-        """Log the rate here: after the step, a schedule may have changed it."""
-        module.log(LEARNING_RATE, float(optimizer.param_groups[0]["lr"]))
-
-    def on_train_batch_end(
-        self, trainer: Trainer, module: Any, outputs: Any, batch: Mapping[str, Any], batch_index: int
-    ) -> None:
-        """Log the speed."""
-        self._n_patches += len(batch["where"]) * trainer.world_size
-        seconds = max(time.monotonic() - self._start, 1e-9)
-        module.log(PATCHES_PER_SECOND, self._n_patches / seconds, on_step=True, on_epoch=False, batch_size=1)
-
-
 class RankAgreement(Callback):
     """Refuses to train when the processes of a distributed run were configured differently.
 
@@ -347,7 +315,8 @@ class RankAgreement(Callback):
 
 
 class TrainingRecord(Callback):
-    """Writes number of parameters, wall time, device and end of a training into a JSON file, with each checkpoint.
+    """Writes number of parameters, wall time, device, best value and end of a training into a JSON file, with each
+    checkpoint.
 
     Checkpoints keep the time, so that a resumed training adds to it. Work after the last checkpoint of a killed
     training does not count, since it is done again.
@@ -358,23 +327,17 @@ class TrainingRecord(Callback):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._before: float | None = 0.0
-        self._is_restored = False
-        self._start: float | None = None
+        self._before, self._start = 0.0, time.monotonic()
 
     @property
-    def seconds(self) -> float | None:
-        """Seconds from the first step, validations included; None if a checkpoint of an older version began it."""
-        own = 0.0 if self._start is None else time.monotonic() - self._start
-        return None if self._before is None else self._before + own
+    def seconds(self) -> float:
+        """Seconds from the first step, validations included."""
+        return self._before + time.monotonic() - self._start
 
     def on_train_start(self, trainer: Trainer, module: Any) -> None:
         """Start the clock; a training that goes on is not finished any more."""
-        if trainer.global_step > 0 and not self._is_restored:
-            self._before = None
         self._start = time.monotonic()
-        if self.path.is_file():
-            self._write(trainer, module, is_finished=False)
+        self._write(trainer, module, is_finished=False)
 
     def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
         """Write the file."""
@@ -384,23 +347,25 @@ class TrainingRecord(Callback):
         """Write that the training has reached its end; signals and errors do not get here."""
         self._write(trainer, module, is_finished=True)
 
-    def state_dict(self) -> dict[str, float | None]:
+    def state_dict(self) -> dict[str, float]:
         """The time, as a checkpoint keeps it."""
         return {"seconds": self.seconds}
 
-    def load_state_dict(self, state: dict[str, float | None]) -> None:
+    def load_state_dict(self, state: dict[str, float]) -> None:
         """Restore the time."""
-        self._before, self._is_restored = state["seconds"], True
+        self._before = state["seconds"]
 
     def _write(self, trainer: Trainer, module: Any, is_finished: bool) -> None:
         if not trainer.is_global_zero:
             return
         device = trainer.strategy.root_device
+        values = [each.best_model_score for each in trainer.checkpoint_callbacks if isinstance(each, BestCheckpoint)]
         record = {
             "n_parameters": sum(parameter.numel() for parameter in module.net.parameters()),
             "seconds": self.seconds,
             "device": torch.cuda.get_device_name(device) if device.type == "cuda" else device.type,
             "processes": trainer.world_size,
+            "best_value": next((float(value) for value in values if value is not None), None),
             "is_finished": is_finished,
         }
         atomic.write_text(self.path, json.dumps(record, indent=1) + "\n")

@@ -1,10 +1,8 @@
 """LightningModules: a network with its loss, metrics, optimiser and schedule, also across a resume."""
 
 import abc
-import contextlib
-import csv
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +18,11 @@ from lfref.data.plane_sets import PlaneBatch, Recipe
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
-from lfref.io import atomic
 from lfref.losses.composite import TERMS, CompositeLoss, RelativeError
 from lfref.metrics.stack import GROUPS, MPSNR, MSSIM, Explained
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
 from lfref.nets.refiner import Refiner
-from lfref.refocuser.features import channels, renamed
 
 OptimizerFactory = Callable[[list[dict[str, Any]]], Optimizer]
 """Makes an optimiser from groups of parameters."""
@@ -37,10 +33,9 @@ RESERVED = frozenset(
     {"loss", "mpsnr", "mssim", "gain", *(name.removeprefix("val/") for name in EXPLAINED.values()), *TERMS}
 )
 """Names of the values that validation logs anyway."""
+LEARNING_RATE = "train/lr"
 LOSS, MPSNR_OF_STACK, MSSIM_OF_STACK = "loss", "val/mpsnr", "val/mssim"
 """Names of logged values: `train/loss` and `val/loss`, and the quality of the stacks of validation."""
-TERMS_APART = LOSS, "mpsnr", "mssim"
-"""Names that no term of a loss may have: the total and the metrics are logged by them."""
 METRICS = "metrics."
 """Prefix of the weights of further metrics, such as LPIPS; checkpoints leave them out."""
 
@@ -127,6 +122,10 @@ class Fitting(LightningModule, abc.ABC):
         optimizer, schedule = self._optimization(self.parameter_groups())
         stepped = {"scheduler": schedule, "interval": interval_of(schedule)}
         return {"optimizer": optimizer} | ({"lr_scheduler": stepped} if schedule else {})
+
+    def on_before_optimizer_step(self, optimizer: Optimizer) -> None:
+        """Log the learning rate here: after the step, a schedule may have changed it."""
+        self.log(LEARNING_RATE, float(optimizer.param_groups[0]["lr"]))
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Add what `lfref.load` needs; leave out the weights of metrics."""
@@ -244,22 +243,8 @@ class Refocusing(Fitting):
         return checkpoints.payload(self.net, self.planes, self.is_linear)
 
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
-        for method in ("terms", "total"):
-            if not callable(getattr(self.loss, method, None)):
-                raise _wrong_loss(f"{type(self.loss).__name__} without {method}")
-        if not isinstance(stack, Tensor) or stack.shape != labels.shape:
-            got = f"shape {list(stack.shape)}" if isinstance(stack, Tensor) else type(stack).__name__
-            raise InputError(f"the network must return a stack of the labels' shape {list(labels.shape)}", got=got)
         terms = self.loss.terms(stack, labels)
-        if not isinstance(terms, Mapping):
-            raise _wrong_loss(f"terms of type {type(terms).__name__}")
-        if reserved := {*TERMS_APART, *self.metric_names} & terms.keys():
-            raise _wrong_loss(f"a term named {', '.join(sorted(reserved))}")
         total = self.loss.total(terms)
-        for name, value in {**terms, "total": total}.items():
-            if not isinstance(value, Tensor) or value.numel() != 1:
-                got = f"shape {list(value.shape)}" if isinstance(value, Tensor) else type(value).__name__
-                raise _wrong_loss(f"{name} of {got}")
         self.log_stage(stage, {LOSS: total, **terms}, len(labels))
         return total
 
@@ -293,30 +278,6 @@ class Refining(Fitting):
         self.loss = loss
         self.recipe = recipe
 
-    def start_from(self, path: Path) -> None:
-        """Take the weights of a file: of a refiner of the same shape, or of one that reads only some of the features.
-
-        Raises:
-            CheckpointError: The file holds no such weights.
-        """
-        contents = checkpoints.read(path)
-        weights: Mapping[str, Any] = checkpoints.network_weights(path, contents)
-        # Where the file holds no refiner, or one of another shape, the comparison names what does not fit.
-        with contextlib.suppress(KeyError, TypeError, ValueError, IndexError, RuntimeError):
-            weights = self._widened(weights, renamed(contents["lfref"])["features"])
-        checkpoints.start(self.net, path, weights)
-
-    def _widened(self, weights: Mapping[str, Tensor], names: Sequence[str]) -> Mapping[str, Tensor]:
-        """Weights of a refiner that reads these features; with more features here, as many as this network has."""
-        features, n_channels = list(self.recipe.features), self.net.config["channels"]
-        if not {*names} < {*features}:
-            return weights
-        own, theirs = channels(features, n_channels), channels(names, n_channels)
-        n_candidates = weights["head.1.bias"].numel() // self.net.shuffle**2 - 1
-        # ValueError where a candidate of the file is none here.
-        places = [features[: self.net.n_candidates].index(name) for name in names[:n_candidates]]
-        return self.net.widened(weights, [own[channel] for channel in theirs], places)
-
     def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
         """The loss of one batch."""
         return self._loss(batch, self(batch["features"], batch["pictures"], batch["error_scale"]), "train")
@@ -347,11 +308,6 @@ class Refining(Fitting):
 def plane_names(planes: FocalPlanes) -> list[str]:
     """Names under which the MPSNR of each plane is logged, such as `val/mpsnr_plane/alpha_0.5`."""
     return [f"{MPSNR_OF_STACK}_plane/{label.replace(' ', '_')}" for label in planes.labels]
-
-
-def _wrong_loss(got: str) -> InputError:
-    expected = "a loss must have terms(stack, labels) -> {name: scalar tensor} and total(terms) -> scalar tensor"
-    return InputError(expected, got=got, remedy='see "Interface of each part" in docs/extending.md')
 
 
 def interval_of(schedule: LRScheduler | None) -> str:
@@ -402,24 +358,3 @@ def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRSchedule
     for saved in checkpoint["optimizer_states"]:
         for group, settings in zip(saved["param_groups"], optimizer.param_groups, strict=True):
             group.update({name: value for name, value in settings.items() if name != "params"})
-
-
-def cut_log(path: Path, step: int) -> None:
-    """Remove the lines of a log from a step on, and an incomplete line.
-
-    Args:
-        path: Path of `metrics.csv`, which may be missing.
-        step: Step of the checkpoint from which training continues; 0 deletes the file.
-
-    Raises:
-        FileError: The file cannot be read or written.
-    """
-    if step == 0 or not path.exists():
-        path.unlink(missing_ok=True)
-        return
-    with atomic.file_errors(path, "read"), path.open(newline="", encoding="utf-8") as file:
-        header, *lines = list(csv.reader(file)) or [[]]
-    at = header.index("step") if "step" in header else None
-    kept = [line for line in lines if at is not None and len(line) == len(header) and int(line[at]) < step]
-    with atomic.replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([header, *kept])
