@@ -47,11 +47,11 @@ demo: install
 	$(BIN)/lfref simulate output="$(DEMO)/scenes" n_fields=4 scene.camera.size=[240,320] outputs=[views,truth] seed=2026
 	$(if $(INPUT),,$(BIN)/lfref simulate scene=evening output="$(DEMO)/evening" outputs=[views,truth])
 	$(BIN)/lfref train experiment=demo output="$(DEMO)/refnet_demo"
-	$(BIN)/lfref eval "$(DEMO)/scenes" run="$(DEMO)/refnet_demo" truth="$(DEMO)/scenes/truth" output="$(DEMO)/eval"
+	$(BIN)/lfref eval "$(DEMO)/scenes" run="$(DEMO)/refnet_demo" truth="$(DEMO)/scenes" output="$(DEMO)/eval"
 	$(BIN)/lfref refocus "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/refocus_refnet"
 	$(BIN)/lfref refocus "$(FIELD)" method=shift_and_sum output="$(DEMO)/refocus_shift_and_sum"
 	$(BIN)/lfref refocus "$(FIELD)" method=learned planes=paper output="$(DEMO)/refocus_learned"
-	$(BIN)/lfref bench "$(FIELD)" run="$(DEMO)/refnet_demo" $(if $(INPUT),,truth="$(DEMO)/evening/truth") output="$(DEMO)/bench" repeats=2 $(SLOW)
+	$(BIN)/lfref bench "$(FIELD)" run="$(DEMO)/refnet_demo" $(if $(INPUT),,truth="$(DEMO)/evening") output="$(DEMO)/bench" repeats=2 $(SLOW)
 	$(BIN)/lfref report $(foreach run,eval refocus_refnet bench refnet_demo refocus_learned refocus_shift_and_sum,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo" 'text="$(DEMO_TEXT)"'
 	$(BIN)/lfref view "$(FIELD)" output="$(DEMO)/view"
 

@@ -19,7 +19,7 @@ from torch.nn import functional as F
 from lfref.bench import accuracy, evaluation, timing
 from lfref.bench.accuracy import RIVAL
 from lfref.bench.evaluation import TRUTH, EvaluationCase
-from lfref.data.field_sources import SimulatedSource
+from lfref.data.datamodules import SimulatedSource
 from lfref.geometry import FocalPlanes, planes_at_alphas
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.mean_of_views import mean_of_views
@@ -146,7 +146,7 @@ def times(methods: Mapping[str, Callable[[Tensor], object]]) -> dict[str, str]:
 
 def timed_views() -> Tensor:
     """Views of a simulated light field to measure times with."""
-    return SimulatedSource(1, 7, RandomScenes(Camera(size=SIZE))).field(0).views
+    return SimulatedSource(1, 7, RandomScenes(Camera(size=SIZE))).light(0).views
 
 
 def head(*cells: str) -> Iterator[str]:

@@ -18,7 +18,6 @@ import learned
 import maps
 import markers
 import one_defect
-import prepared
 import scale
 import scene_costs
 import simulator_pictures
@@ -26,9 +25,10 @@ import torch
 import training_speed
 
 from lfref.bench.evaluation import ALIASED, CORRECTED, IDEAL, MEAN_CAP_DB, SENSOR, WIDE
-from lfref.data.field_sources import SimulatedSource
-from lfref.data.label_sources import OperatorLabels
-from lfref.data.patch_data import cut
+from lfref.data.cache import Field
+from lfref.data.crops import Crops, collated, labelled
+from lfref.data.datamodules import SimulatedSource
+from lfref.data.labels import OperatorLabels
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.fourier.slice import fourier_slice
@@ -195,7 +195,6 @@ FIGURES = {
     **learned.TABLES,
     **maps.TABLES,
     **one_defect.TABLES,
-    **prepared.TABLES,
     **({"gpu_times": gpu_times} if (GPU / "bench.csv").is_file() else {}),
     **scale.TABLES,
     **scene_costs.TABLES,
@@ -212,8 +211,9 @@ def _with_note(value: float, note: object) -> str:
 
 
 def _label_psnr(source: OperatorLabels, index: int, corner: int) -> torch.Tensor:
-    field = SimulatedSource(4, 0, RandomScenes(Camera(size=(FIELD, FIELD)))).field(index)
-    _, label = cut(field, source, corner, corner, PATCH).pair(source)
+    field = SimulatedSource(4, 0, RandomScenes(Camera(size=(FIELD, FIELD)))).light(index)
+    crop = Crops(None, PATCH, source.margin, 0).cut(Field(field.name, field.views), corner, corner)
+    label = labelled(collated([crop]), source, PATCH)["labels"][0]
     window = (..., slice(corner, corner + PATCH), slice(corner, corner + PATCH))
     return psnr(label, source(field)[window])
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from lfref.cli.resume import quoted
+from lfref.cli.main import _quoted as quoted
 from lfref.io.run import Run
 
 QUIET = ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures", "data.workers=0")

@@ -18,7 +18,7 @@ import yaml
 import lfref
 from lfref.bench import accuracy
 from lfref.cli import config as configs
-from lfref.data import plane_sets
+from lfref.data import planes as plane_sets
 from lfref.geometry import planes_at_alphas
 from lfref.io import images
 from lfref.io.read import read
@@ -42,7 +42,6 @@ PLACES = (
     "resume=",
     "callbacks.",
     "+trainer.enable_",
-    "checkpoint_minutes=",
 )
 PLANES = planes_at_alphas([step / 8 for step in range(1, 17)])
 LARGE = 100_000

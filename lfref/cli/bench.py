@@ -27,7 +27,7 @@ from lfref.cli import config as configs
 from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, progress
 from lfref.cli.steps import fixed_planes
-from lfref.data.field_sources import SimulatedSource
+from lfref.data.datamodules import SimulatedSource
 from lfref.errors import InputError, chosen, counted
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
@@ -84,7 +84,7 @@ def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> li
         found = steps.find_fields(config).items()
         return [dataclasses.replace(steps.read_field(path, config, refocusers), name=name) for name, path in found]
     source: SimulatedSource = configs.build(config.source)
-    return [source.field(index) for index in range(len(source))]
+    return [source.light(index) for index in range(len(source))]
 
 
 def test_scenes(names: DictConfig | None, version: str) -> dict[str, Scene]:

@@ -15,7 +15,7 @@ from lfref.bench.evaluation import TRUTH
 from lfref.cli import steps
 from lfref.cli.command import command, device_of, log
 from lfref.cli.steps import fixed_planes
-from lfref.data.label_sources import Labels
+from lfref.data.labels import Labels
 from lfref.errors import InputError, LfrefError, counted
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes

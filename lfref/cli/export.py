@@ -8,7 +8,7 @@ from lfref.cli import config as configs
 from lfref.cli import steps
 from lfref.cli.command import command, log, progress
 from lfref.cli.steps import fixed_planes
-from lfref.data.field_sources import SimulatedSource
+from lfref.data.datamodules import SimulatedSource
 from lfref.export import files
 from lfref.refocus import apertures
 from lfref.refocuser.refocuser import Refocuser
@@ -26,7 +26,7 @@ def export(config: DictConfig, folder: Path) -> None:
     path = folder / f"{config.name or refocuser.name}.{config.format}"
     grid = refocuser.grid or tuple(config.grid)
     source = SimulatedSource(len(SIZES), SEED, RandomScenes(Camera(grid, SIZES[0])))
-    drawn = [source.field(index) for index in progress(range(len(SIZES)), "drawing scenes")]
+    drawn = [source.light(index) for index in progress(range(len(SIZES)), "drawing scenes")]
     fields = [field.crop(0, 0, *size) for field, size in zip(drawn, SIZES, strict=True)]
     parity = files.export(refocuser, path, fields, planes.slopes)
     log.info("%s in %s: off by %.2g at most, %.0f dB", refocuser.name, path, parity.max_error, parity.psnr_db)

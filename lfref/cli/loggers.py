@@ -3,6 +3,7 @@
 import contextlib
 import math
 import subprocess
+import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,14 +47,14 @@ def started(config: DictConfig, job_type: str) -> list[Any]:
 
 
 def _wandb_run(settings: Mapping[str, Any], config: DictConfig) -> dict[str, str]:
-    """Id of the run that goes on in this folder; group of a sweep; name: the overrides without places."""
+    """Id of the run that goes on in this folder; group of a sweep; name: what a job varies, or all overrides."""
     folder, known = Path(config.folder), {}
     if config.get("resume") and Run.of(config.resume).folder == folder and (folder / ID).is_file():
         known["id"] = (folder / ID).read_text("utf-8").strip()
     if is_sweep_job():
         known["group"] = Path(HydraConfig.get().sweep.dir).absolute().name
     if HydraConfig.initialized():
-        words = HydraConfig.get().overrides.task
+        words = [word for word in HydraConfig.get().overrides.task if not (is_sweep_job() and word in sys.argv)]
         known["name"] = " ".join(word for word in words if key_of(word) not in runs.FOLDERS)[:128]
     return {key: value for key, value in known.items() if value and settings.get(key) is None}
 

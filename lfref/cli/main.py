@@ -31,12 +31,11 @@ COMMANDS = {
     "view": "make a page on which people refocus a light field themselves",
     "export": "write a network or an operator as a file that other runtimes load",
     "bench": "measure accuracy against time of every operator and checkpoint",
-    "prepare": "make a set of planes for training",
     "simulate": "write simulated light fields",
     "report": "gather runs into one page",
     "dashboard": "make a workspace and a report in Weights & Biases",
 }
-INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "eval", "bench", "prepare"), "input")
+INPUTS = {"report": "runs"} | dict.fromkeys(("info", "refocus", "view", "eval", "bench"), "input")
 """Command -> key whose value is a path on the command line."""
 RUN = {
     "train": "resume",
@@ -66,7 +65,7 @@ def main() -> None:
     if name not in COMMANDS:
         fail("COMMAND", InputError(f"command must be one of {', '.join(COMMANDS)}", got=repr(name)), status=2)
     try:
-        words = resumed(rewritten(name, words))
+        words = rewritten(name, words)
     except LfrefError as error:
         fail(name, error, status=2)
     start(name, words)
@@ -118,12 +117,12 @@ def rewritten(command: str, words: list[str]) -> list[str]:
     """
     is_multirun = bool({"-m", "--multirun"} & set(words))
     end = words.index("--") if "--" in words else len(words)
-    paths, others = [], []
+    paths, options, others = [], [], []  # Hydra takes options before all overrides
     for word, before in zip(words[:end], ["", *words], strict=False):
         key, equals, value = word.partition("=")
-        if before in TAKE_A_WORD:
-            others.append(word)
-        elif word.startswith(("/", "./", "../", "~/")) or not (equals or word.startswith(("-", "~"))):
+        if before in TAKE_A_WORD or word.startswith("-"):
+            options.append(word)
+        elif word.startswith(("/", "./", "../", "~/")) or not (equals or word.startswith("~")):
             paths.append(word)
         elif key == "run" and command in RUN:
             others.append(f"{RUN[command]}={_readable(value, is_multirun)}")
@@ -139,7 +138,7 @@ def rewritten(command: str, words: list[str]) -> list[str]:
         raise InputError("arguments of this command must be written KEY=VALUE", got=repr(paths[0]))
     values = [_quoted(path) for path in paths]
     own = values[0] if len(values) == 1 else f"[{','.join(values)}]"
-    return [*others, f"{INPUTS[command]}={own}"] if paths else others
+    return [*options, *resumed([*others, f"{INPUTS[command]}={own}"] if paths else others)]
 
 
 def resumed(words: list[str]) -> list[str]:

@@ -1,38 +1,146 @@
-"""A cache of light fields: each file is decoded once, and then lies in the cache as a stored field.
+"""Light fields to cut crops from: decoded once into a cache of plain arrays, which are mapped into memory.
 
-The key of an entry is the SHA-256 of the content, the reader's options, `read.VERSION`, and, for corrected light
-fields, the correction and `correct.VERSION`. These versions are raised when results change (tests/data/test_versions.py
-notices). Entries of earlier versions are never read again. A limit of the cache's size deletes the entries that were
-not used for the longest time.
+An entry is a folder with `samples.npy` [V, U, C, H, W] in the depth of the file, `weight.npy` [V, U, 1, H, W] if there
+is one, and `encoding.txt`. Its key is the SHA-256 of the content, the reader's options, `read.VERSION`, and, for
+corrected light fields, the correction and `correct.VERSION`. These versions are raised when results change.
 """
 
 import functools
 import hashlib
 import json
-import logging
-import os
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
 from lfref.captures import correct as corrections
 from lfref.captures.correct import AUTO, NONE, correct_by_option
-from lfref.data import stored_fields
-from lfref.data.stored_fields import SUFFIX, StoredCrop, StoredField
-from lfref.errors import FileError, InputError
-from lfref.io import atomic, lytro_files, view_folders
+from lfref.encoding import LINEAR, Encoding, parsed
+from lfref.errors import FileError
+from lfref.io import atomic, images, lytro_files, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 
 HASHES = "hashes.json"
 """File of the cache folder that keeps content hashes: a data set is hashed once, however often training starts."""
+SAMPLES, WEIGHT, ENCODING = "samples.npy", "weight.npy", "encoding.txt"
+DTYPES = {"8": np.uint8, "16": np.uint16, "float": np.float32}
+"""Depth of the samples in a file, as the reader says -> their type here."""
 EVEN_GRID = "networks learn on an even grid"
 """Reason for which the spacing of cameras is not corrected."""
 
-log = logging.getLogger(__name__)
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A light field as it is stored, in memory or mapped from a disk."""
+
+    name: str
+    samples: Tensor
+    """[V, U, C, H, W], uint8, uint16 or floating point."""
+    weight: Tensor | None = None
+    """[V, U, 1, H, W], type of the samples or floating point."""
+    encoding: Encoding = LINEAR
+    """Encoding of light as samples."""
+    truth: Tensor | None = None
+    """Photographs through the whole lens at the planes of the labels, in [0, 1], [N, C, H, W]."""
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Number of view rows and columns (V, U)."""
+        return self.samples.shape[0], self.samples.shape[1]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width (H, W) of a view in pixels."""
+        return self.samples.shape[3], self.samples.shape[4]
+
+    def light(self) -> LightField:
+        """The light field in linear light."""
+        weight = None if self.weight is None else decoded(self.weight, LINEAR)
+        return LightField(decoded(self.samples, self.encoding), self.name, weight, is_linear=self.encoding.is_known)
+
+
+def decoded(samples: Tensor, encoding: Encoding) -> Tensor:
+    """Linear light of stored samples, contiguous float32, on their device."""
+    samples = samples.float() if samples.is_floating_point() else samples
+    if samples.device.type == "cpu":
+        return torch.from_numpy(images.decoded(samples.numpy(), encoding))
+    if samples.is_floating_point():
+        return encoding.decode(samples).contiguous()
+    values = torch.arange(torch.iinfo(samples.dtype).max + 1, dtype=torch.int32).to(samples.dtype)
+    return decoded(values, encoding).to(samples.device)[samples.int()]
+
+
+def keep(path: Path, array: NDArray) -> None:
+    """Write an array, whole or not at all."""
+    with atomic.replacing(path) as partial, partial.open("wb") as file:
+        np.save(file, array)
+
+
+def kept(path: Path) -> Tensor:
+    """An array that `keep` wrote, mapped into memory."""
+    try:
+        return torch.from_numpy(np.load(path, mmap_mode="c"))
+    except (OSError, ValueError) as error:
+        raise FileError(f"{path} must be an array of the cache", got=str(error), remedy="delete it") from error
+
+
+def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = NONE) -> Field:
+    """Open a light field through the cache in a folder, decoding it on first use.
+
+    Args:
+        path: File or folder of the light field.
+        options: Arguments of `lfref.read`.
+        folder: Folder of the cache.
+        correct: `none`, `auto`, or a file of corrections.
+    """
+    # The names of a folder's images say where views stand on the grid.
+    names = [file.name for file in view_folders.image_files(path)] if path.is_dir() else []
+    parts = [content_hash(path, folder), names, _description(options, correct)]
+    key = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+    entry, name = folder / f"field_{key[:32]}", path.absolute().name if path.is_dir() else path.stem
+    if not entry.is_dir():
+        with suppress(FileExistsError), atomic.filling_folder(entry) as partial:
+            _store(partial, _decode(path, options, correct))
+    weight = kept(entry / WEIGHT) if (entry / WEIGHT).is_file() else None
+    return Field(name, kept(entry / SAMPLES), weight, parsed((entry / ENCODING).read_text("utf-8")))
+
+
+def _description(options: Mapping[str, Any], correct: str) -> dict[str, Any]:
+    """All that decides what is stored of a file."""
+    options = dict(options)
+    if options.get("white") is not None:
+        options["white"] = content_hash(Path(options["white"]))
+    if correct == NONE:
+        return {"reader": options, "version": reader.VERSION}
+    by = correct if correct == AUTO else content_hash(Path(correct))
+    return {"reader": options, "version": reader.VERSION, "correct": by, "correct_version": corrections.VERSION}
+
+
+def _decode(path: Path, options: Mapping[str, Any], correct: str) -> tuple[LightField, type, Encoding]:
+    """The light field of a file, and type and encoding in which it is stored."""
+    field = reader.read(path, **options)
+    corrected, _ = correct_by_option(field, correct, even_grid_for=EVEN_GRID)
+    encoding = parsed(field.metadata["encoding"])
+    # Corrected samples are no longer the whole numbers of the file.
+    kind = DTYPES[field.metadata["bits"]] if corrected.views is field.views else np.float16
+    return corrected, kind, LINEAR if issubclass(kind, np.floating) and encoding.is_known else encoding
+
+
+def _store(folder: Path, decoded_field: tuple[LightField, type, Encoding]) -> None:
+    light, kind, encoding = decoded_field
+    samples, weight = images.encoded(light.views.numpy(), encoding), light.weight
+    stored = {SAMPLES: samples} | ({} if weight is None else {WEIGHT: weight.numpy()})
+    for name, values in stored.items():
+        whole = np.rint(values * np.iinfo(kind).max) if issubclass(kind, np.integer) else values
+        keep(folder / name, whole.astype(kind))
+    atomic.write_text(folder / ENCODING, str(encoding))
 
 
 def content_hash(path: Path, folder: Path | None = None) -> str:
@@ -54,17 +162,16 @@ def content_hash(path: Path, folder: Path | None = None) -> str:
     return hashes[key]
 
 
+def store_hashes(folder: Path) -> None:
+    """Write the hashes of this process into a cache folder."""
+    stored = _stored_hashes(folder)
+    if not _hashes(folder).items() <= stored.items():
+        atomic.write_text(folder / HASHES, json.dumps(stored | _hashes(folder), indent=0))
+
+
 def _digest(file: Path) -> str:
     with atomic.file_errors(file, "read"), file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def store_hashes(folder: Path) -> None:
-    """Write the hashes of this process into a cache folder. If that fails, the next run computes them again."""
-    stored = _stored_hashes(folder)
-    if not _hashes(folder).items() <= stored.items():
-        with suppress(FileError):
-            atomic.write_text(folder / HASHES, json.dumps(stored | _hashes(folder), indent=0))
 
 
 @functools.cache
@@ -78,123 +185,3 @@ def _stored_hashes(folder: Path) -> dict[str, str]:
     with suppress(OSError, ValueError, TypeError):
         return dict(json.loads((folder / HASHES).read_text(encoding="utf-8")))
     return {}
-
-
-@dataclass(frozen=True)
-class Reading:
-    """How the files of light fields become stored fields."""
-
-    options: Mapping[str, Any]
-    """Arguments of `lfref.read`."""
-    correct: str = NONE
-    """`none`, `auto`, or a file of corrections."""
-
-    def __post_init__(self) -> None:
-        if self.options.get("positions") is not None or self.options.get("spacing") is not None:
-            remedy = "leave out reader.positions and reader.spacing"
-            raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
-
-    def description(self) -> dict[str, Any]:
-        """All that decides what is stored of a file, as plain values."""
-        options = dict(self.options)
-        if options.get("white") is not None:
-            options["white"] = content_hash(Path(options["white"]))
-        parts: dict[str, Any] = {"reader": options, "reader_version": reader.VERSION}
-        if self.correct != NONE:
-            by = self.correct if self.correct == AUTO else content_hash(Path(self.correct))
-            parts |= {"correct": by, "correct_version": corrections.VERSION}
-        plain: dict[str, Any] = json.loads(json.dumps(parts, sort_keys=True, default=str))
-        return plain
-
-    def field(self, path: Path) -> LightField:
-        """Decode a light field."""
-        field = reader.read(path, **self.options)
-        corrected, _ = correct_by_option(field, self.correct, even_grid_for=EVEN_GRID)
-        if corrected.views is field.views:
-            return corrected
-        # Corrected samples are no longer the whole numbers of the file.
-        return replace(corrected, metadata={**field.metadata, "bits": "float"})
-
-
-def name_of(path: Path) -> str:
-    """Name of the light field in a file or folder."""
-    return path.absolute().name if path.is_dir() else path.stem
-
-
-class CachedField(StoredField):
-    """A light field in the cache; a damaged one is decoded again.
-
-    Args:
-        path: Its file in the cache.
-        source: The file or folder that it is decoded from.
-        decode: Function that decodes it into its file.
-    """
-
-    def __init__(self, path: Path, source: Path, decode: Callable[[], None]) -> None:
-        self._source, self._decode = source, decode
-        if not path.is_file():
-            decode()
-        try:
-            super().__init__(path, name_of(source))
-        except FileError:
-            self._renew(path)
-
-    def crop(self, top: int, left: int, height: int, width: int) -> StoredCrop:
-        """As in `StoredField`."""
-        try:
-            return super().crop(top, left, height, width)
-        except FileError:
-            self._renew(self.path)
-            return super().crop(top, left, height, width)
-
-    def _renew(self, path: Path) -> None:
-        log.warning("the cache entry %s is damaged: %s is decoded again", path, self._source)
-        self._decode()
-        super().__init__(path, name_of(self._source))
-
-
-def cached(
-    path: Path, options: Mapping[str, Any], folder: Path, correct: str = NONE, most_bytes: float | None = None
-) -> CachedField:
-    """Open a light field through the cache in a folder, decoding it on first use.
-
-    Args:
-        path: File or folder of the light field.
-        options: Arguments of `lfref.read`.
-        folder: Folder of the cache.
-        correct: `none`, `auto`, or a file of corrections.
-        most_bytes: Size of the cache from which a new entry replaces those not used for the longest time.
-    """
-    reading = Reading(options, correct)
-    # The names of a folder's images say where views stand on the grid.
-    names = [file.name for file in view_folders.image_files(path)] if path.is_dir() else []
-    parts = [content_hash(path, folder), names, reading.description()]
-    key = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-    entry = folder / f"{key}{SUFFIX}"
-
-    def decode() -> None:
-        stored_fields.write(entry, reading.field(path))
-        if most_bytes is not None:
-            _make_room(folder, most_bytes, entry)
-
-    field = CachedField(entry, path, decode)
-    with suppress(OSError):  # a cache that cannot be written is used all the same
-        os.utime(entry, (time.time(), entry.stat().st_mtime))  # the time of the last use, also on a disk without it
-    return field
-
-
-def _make_room(folder: Path, most_bytes: float, newest: Path) -> None:
-    """Delete entries, those first that were not used for the longest time, until the cache is small enough."""
-    states = {}
-    for entry in stored_fields.paths(folder):
-        with suppress(OSError):  # another process may delete it at the same time
-            states[entry] = entry.stat()
-    size = sum(state.st_size for state in states.values())
-    for entry in sorted(states, key=lambda entry: states[entry].st_atime):
-        if size <= most_bytes:
-            return
-        if entry == newest:  # not always the last one: file systems round times of use down
-            continue
-        with suppress(OSError):
-            entry.unlink()
-            size -= states[entry].st_size

@@ -1,29 +1,36 @@
-"""Lightning data modules: patches with labels from a folder of captures or from simulated scenes."""
+"""Lightning data modules: crops with labels from a folder of captures or from simulated scenes."""
 
 import abc
 import functools
+import hashlib
 import logging
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import astuple
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from lightning.pytorch import LightningDataModule
-from torch.utils.data import DataLoader
+from rich.progress import track
+from torch import Tensor
 
-from lfref.captures.correct import NONE
-from lfref.data import cache, prepared
-from lfref.data.cache import Reading
-from lfref.data.field_sources import FolderSource, SimulatedSource, Source
-from lfref.data.label_sources import Labels, RenderedLabels
-from lfref.data.loaders import BY_DEVICE, epoch_loader, is_on_gpu, number_of_workers
-from lfref.data.patch_data import Batch, FieldPatches, UnlabelledBatch, concatenate, labelled
-from lfref.data.prepared import Prepared
-from lfref.errors import InputError, counted
+import lfref
+from lfref.captures.correct import NONE, correct_by_option
+from lfref.data import cache
+from lfref.data.cache import Field, keep, kept
+from lfref.data.crops import Batch, Crops, EpochLoader, EpochSampler, Source, collated, epoch_loader, labelled
+from lfref.data.labels import Labels, RenderedLabels
+from lfref.errors import InputError, LfrefError, counted
 from lfref.io import read as reader
+from lfref.lightfield import LightField
 from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
+from lfref.simulator.simulate import Simulation, developed
+
+log = logging.getLogger(__name__)
 
 # Splits: the paper's test set, a repeatable split, and a check for leaks. The public lists leak: one test field is in a
 # training list too, and fields of one set recur in another under new names. So held-out fields are recognised by
@@ -83,61 +90,40 @@ def without_leaks(
     return clean, [path for path in train if path not in kept]
 
 
-log = logging.getLogger(__name__)
-
-LOADER, DEVICE = "loader", "device"
-LABELS_ON = LOADER, DEVICE
-
-
 class PatchData(LightningDataModule, abc.ABC):
     """Random patches of light fields with labels.
 
     Args:
-        labels: Source of the labels.
+        labels: Who makes the labels.
         patch: Height and width of a patch in pixels.
         patches_per_field: Patches per light field and epoch.
         fields_per_batch: Light fields per batch.
-        workers: Threads that prepare batches of stored fields, or processes that simulate scenes; 0: the training
-            itself prepares them; `auto`: as many as fit the device, see `loaders.number_of_workers`.
+        workers: Processes that prepare batches; 0: the training itself; `auto`: one, or several for a GPU.
         seed: Seed of order and corners.
-        timeout: Longest time in seconds in which a worker prepares one batch; 0: no limit. It needs a worker.
-        labels_on: Who makes the labels: `loader`, with the batch, or `device`, where the network is; `auto`: a GPU
-            does, a processor leaves them to the loader. Rendered labels are always made by the loader.
         label_margin: Whether labels depend on pixels beyond their patch, as the whole light field's do; if not, each
             patch is a light field to the labels, so that a network learns what to do at the border of a frame.
     """
 
-    in_threads: ClassVar[bool] = True
-    """Whether workers are threads."""
-
     def __init__(
         self,
-        labels: Labels,
+        labels: Labels | RenderedLabels,
         patch: int = 192,
         patches_per_field: int = 4,
         fields_per_batch: int = 1,
-        workers: int | str = BY_DEVICE,
+        workers: int | str = "auto",
         seed: int = 0,
-        timeout: float = 600.0,
-        labels_on: str = BY_DEVICE,
         label_margin: bool = True,
     ) -> None:
         super().__init__()
-        if min(patch, patches_per_field, fields_per_batch) < 1 or min(seed, timeout) < 0:
-            got = f"{patch}, {patches_per_field}, {fields_per_batch}, {seed} and {timeout}"
-            expected = "patch, patches_per_field and fields_per_batch must be >= 1, seed and timeout >= 0"
-            raise InputError(expected, got=got)
-        if labels_on not in (BY_DEVICE, *LABELS_ON):
-            raise InputError(f"labels_on must be {BY_DEVICE}, {' or '.join(LABELS_ON)}", got=repr(labels_on))
+        if min(patch, patches_per_field, fields_per_batch) < 1:
+            expected = "patch, patches_per_field and fields_per_batch must be at least 1"
+            raise InputError(expected, got=(patch, patches_per_field, fields_per_batch))
         self.labels = labels
         self.patch = patch
         self.patches_per_field = patches_per_field
         self.fields_per_batch = fields_per_batch
-        number_of_workers(workers, None)  # refuses what is no number of them
         self.workers = workers
         self.seed = seed
-        self.timeout = timeout
-        self.labels_on = labels_on
         self.label_margin = label_margin
 
     @property
@@ -154,52 +140,42 @@ class PatchData(LightningDataModule, abc.ABC):
         self.train, self.validation = self.sources()
         if not (len(self.train) and len(self.validation)):
             expected = "data must have light fields to train on and to hold out"
-            remedy = "look at data.path, or at the sources of your own data"
-            raise InputError(expected, got=f"{len(self.train)} and {len(self.validation)}", remedy=remedy)
+            raise InputError(expected, got=f"{len(self.train)} and {len(self.validation)}", remedy="look at data.path")
 
-    def train_dataloader(self) -> DataLoader[Batch]:
+    def train_dataloader(self) -> EpochLoader:
         """Batches in a new order and with new corners each epoch."""
         return self._loader(self.train, self.seed)
 
-    def val_dataloader(self) -> DataLoader[Batch]:
+    def val_dataloader(self) -> EpochLoader:
         """Patches of the held-out fields, equal in every epoch."""
         return self._loader(self.validation, None)
 
-    def on_after_batch_transfer(self, batch: Batch | UnlabelledBatch, dataloader_idx: int) -> Batch:
-        """Decode a batch and make its labels on the device, unless the loader did."""
-        return labelled(batch, self.labels) if "patches" in batch else batch  # type: ignore[arg-type]
+    def on_after_batch_transfer(self, batch: dict[str, Any], dataloader_idx: int) -> Batch:
+        """Decode a batch and make its labels on the device."""
+        return labelled(batch, self.labels, self.patch)
 
-    def _loader(self, source: Source, order_seed: int | None) -> DataLoader[Batch]:
-        shape = self.patch, self.patches_per_field
-        patches = FieldPatches(source, self.labels, *shape, self.seed, self.label_margin)
-        on_device = self.labels_on == DEVICE or (self.labels_on == BY_DEVICE and is_on_gpu(self.trainer))
-        labels = None if on_device and self.labels.reads_views else self.labels
-        collate = functools.partial(_collated, labels=labels)
-        return epoch_loader(
-            self, patches, order_seed, self.fields_per_batch, collate, self.workers, self.timeout, self.in_threads
-        )
+    def _loader(self, source: Source, order_seed: int | None) -> EpochLoader:
+        crops = Crops(source, self.patch, self.labels.margin if self.label_margin else _no_margin, self.seed)
+        sampler = EpochSampler(len(source), order_seed, self.patches_per_field)
+        size = self.fields_per_batch * self.patches_per_field
+        return epoch_loader(self, crops, sampler, size, collated, self.workers)
 
 
-def _collated(items: Sequence[UnlabelledBatch], labels: Labels | None) -> Batch | UnlabelledBatch:
-    """One batch of the patches of several light fields, with labels if their source is given."""
-    batch = concatenate(items)
-    return batch if labels is None else labelled(batch, labels)
+def _no_margin(grid: tuple[int, int]) -> int:
+    return 0
 
 
 class FolderData(PatchData):
     """Patches of the light fields below a folder.
 
     Args:
-        path: Folder of light fields, or of a set that `lfref prepare` made of them, whose splits then hold.
+        path: Folder of light fields.
         validation_path: Folder of held-out light fields; None holds out `validation_share` of `path`.
         validation_share: Share of the light fields that is held out, in (0, 1).
-        cache_folder: Folder of decoded light fields; those of a set need none.
-        cache_gb: Size of this folder from which a new light field replaces those not used for the longest time; None:
-            any size.
+        cache_folder: Folder of decoded light fields.
         reader: Arguments of `lfref.read`.
         correct: `none`, `auto` (the defects of each light field), or a file of corrections.
-        labels: Source of the labels.
-        allow_changes: Whether a training may be resumed with other light fields.
+        labels: Who makes the labels.
         **options: Arguments of `PatchData`.
     """
 
@@ -212,33 +188,37 @@ class FolderData(PatchData):
         validation_share: float = 0.1,
         reader: Mapping[str, Any] | None = None,
         correct: str = NONE,
-        allow_changes: bool = False,
-        cache_gb: float | None = None,
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
-        if cache_gb is not None and not cache_gb > 0:
-            raise InputError("cache_gb must be above 0, or null for any size", got=cache_gb)
-        self.most_bytes = None if cache_gb is None else 1e9 * cache_gb
+        if any((reader or {}).get(name) is not None for name in ("positions", "spacing")):
+            remedy = "leave out reader.positions and reader.spacing"
+            raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
         self.path = Path(path).expanduser()
         self.validation_path = None if validation_path is None else Path(validation_path).expanduser()
         self.validation_share = validation_share
         self.cache_folder = Path(cache_folder).expanduser()
-        self.reader = dict(reader or {})
-        self.correct = correct
-        self.allow_changes = allow_changes
-        self._prepared: dict[Path, Prepared] = {}
+        self.open = functools.partial(
+            cache.cached, options=dict(reader or {}), folder=self.cache_folder, correct=correct
+        )
+        """(path) -> light field, through the cache."""
 
     @property
     def is_linear(self) -> bool:
         """As in `PatchData`: false if files are read without decoding them."""
-        return self.reader.get("encoding") != "none"
+        return self.open.keywords["options"].get("encoding") != "none"
 
     def prepare_data(self) -> None:
-        """Hash the fields. Lightning calls this first, in one process per machine; other processes read the hashes."""
+        """Decode the fields that the cache lacks. Lightning calls this first, in one process per machine."""
+        self.cache_folder.mkdir(parents=True, exist_ok=True)
         train, held, _ = self._paths()
-        without_leaks(train, held, self._content)
+        paths = [*without_leaks(train, held, self._content)[0], *held]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            errors = [error for error in track(pool.map(self._failure, paths), "decoding", len(paths)) if error]
         cache.store_hashes(self.cache_folder)
+        if errors:
+            expected = f"all {counted(len(paths), 'light field')} must be usable"
+            raise LfrefError(expected, got=f"{len(errors)} that are not: {errors[0]}", remedy="the others are decoded")
 
     def sources(self) -> tuple[Source, Source]:
         """Fields of the folders; the log names the fields that are left out of training."""
@@ -249,54 +229,42 @@ class FolderData(PatchData):
         if not train:
             remedy = "hold out other fields than those you train on"
             raise InputError("no light field is left to train on", remedy=remedy)
-        options = self.cache_folder, self.reader, self.correct, self.most_bytes
-        return FolderSource(train, *options), FolderSource(held, *options)
-
-    def state_dict(self) -> dict[str, list[str]]:
-        """Names of the light fields, for checkpoints."""
-        sources = {"train": self.train, "validation": self.validation}
-        return {name: [path.name for path in source.paths] for name, source in sources.items()}  # type: ignore[attr-defined]
-
-    def load_state_dict(self, state: Mapping[str, list[str]]) -> None:
-        """Refuse to resume with other light fields than the checkpoint names.
-
-        Raises:
-            InputError: Light fields were added or removed, and `allow_changes` is false.
-        """
-        for name, now in self.state_dict().items():
-            changes = {"new": sorted(set(now) - set(state[name])), "gone": sorted(set(state[name]) - set(now))}
-            if any(changes.values()) and not self.allow_changes:
-                got = "; ".join(f"{change}: {', '.join(names)}" for change, names in changes.items() if names)
-                expected = f"a training goes on with the light fields that it began with ({name})"
-                raise InputError(expected, got=got, remedy="restore them, or give allow_changes=true")
+        return FolderSource(train, self.open), FolderSource(held, self.open)
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
         """Training fields, held-out fields, and fields that are neither because of their names."""
-        fields = self._light_fields(self.path)
-        parts = {path: entry.split for path, entry in self._prepared.items()}
-        usable = [path for path in fields if parts.get(path) != prepared.TEST]
-        if self.validation_path is not None:
-            train, held = without_test_set(usable), self._light_fields(self.validation_path)
-        elif prepared.VALIDATION in parts.values():
-            held = [path for path in usable if parts[path] == prepared.VALIDATION]
-            train = [path for path in without_test_set(usable) if path not in set(held)]
+        fields = reader.find(self.path)
+        if self.validation_path is None:
+            train, held = held_out(fields, self.validation_share, self.seed)
         else:
-            train, held = held_out(usable, self.validation_share, self.seed)
+            train, held = without_test_set(fields), reader.find(self.validation_path)
         return train, held, set(fields).difference(train, held)
 
-    def _light_fields(self, folder: Path) -> list[Path]:
-        """The light fields in a folder, or those of a set."""
-        if not prepared.is_set(folder):
-            return reader.find(folder)
-        entries = {folder / entry.file: entry for entry in prepared.manifest(folder)}
-        prepared.refuse_other(entries.values(), Reading(self.reader, self.correct))
-        self._prepared |= entries
-        return list(entries)
-
     def _content(self, path: Path) -> str:
-        """Hash of a light field's content, which a set knows."""
-        known = self._prepared.get(path)
-        return cache.content_hash(path, self.cache_folder) if known is None else known.content
+        return cache.content_hash(path, self.cache_folder)
+
+    def _failure(self, path: Path) -> str | None:
+        """Decode a field, unless the cache has it; the reason if that fails."""
+        try:
+            self.open(path)
+        except LfrefError as error:
+            return str(error)
+        return None
+
+
+class FolderSource(Source):
+    """Files or folders of light fields, and how to open one; equal in every epoch."""
+
+    def __init__(self, paths: Sequence[Path], opened: Callable[[Path], Field]) -> None:
+        self.paths = list(paths)
+        self.open = opened
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def field(self, index: int, epoch: int = 0) -> Field:
+        """The light field at that place."""
+        return self.open(self.paths[index])
 
 
 def _warn(reason: str, paths: Iterable[Path]) -> None:
@@ -313,7 +281,7 @@ class SimulatedData(PatchData):
     """Patches of simulated scenes: new scenes in every training epoch, and fixed held-out scenes.
 
     Args:
-        labels: Source of the labels.
+        labels: Who makes the labels.
         n_fields: Scenes per training epoch.
         n_validation: Number of held-out scenes.
         scenes: Distribution of the scenes, or one scene.
@@ -323,12 +291,9 @@ class SimulatedData(PatchData):
         **options: Arguments of `PatchData`.
     """
 
-    # The simulator holds Python's lock for much of its time.
-    in_threads = False
-
     def __init__(
         self,
-        labels: Labels,
+        labels: Labels | RenderedLabels,
         n_fields: int = 64,
         n_validation: int = 8,
         scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
@@ -342,15 +307,93 @@ class SimulatedData(PatchData):
         held, stream = (scenes, self.seed + 1_000_000) if validation_scenes is None else (validation_scenes, HELD_OUT)
         if isinstance(held, Scene | Fixed) and validation_scenes is not None:
             stream = 0  # the scenes as they are
-        # The painted scene must extend far enough for the labels' planes: views and rendered labels share it.
         planes = labels.planes.values if isinstance(labels, RenderedLabels) else ()
-        reach = max(map(abs, planes), default=0.0)
         kept_in = None if cache_folder is None else Path(cache_folder).expanduser()
         self.streams = (
-            SimulatedSource(n_fields, self.seed, scenes, reach, correct, kept_in, planes),
-            SimulatedSource(n_validation, stream, held, reach, correct, kept_in, planes),
+            SimulatedSource(n_fields, self.seed, scenes, planes, correct, kept_in),
+            SimulatedSource(n_validation, stream, held, planes, correct, kept_in),
         )
 
     def sources(self) -> tuple[Source, Source]:
         """The two streams of scenes."""
         return self.streams
+
+
+class SimulatedSource(Source):
+    """Simulated scenes, each fixed by (seed, epoch, index).
+
+    Args:
+        n_fields: Fields per epoch.
+        seed: Seed of all scenes.
+        scenes: Distribution of the scenes, or one scene, which is repeated with other textures and noise.
+        planes: Slopes of the photographs; none by default.
+        correct: `none`, `auto` (the defects of each field), or a file of corrections.
+        kept_in: Folder in which fields of epoch 0 are kept, for all epochs; None renders new ones in every epoch.
+    """
+
+    def __init__(
+        self,
+        n_fields: int,
+        seed: int,
+        scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
+        planes: tuple[float, ...] = (),
+        correct: str = NONE,
+        kept_in: Path | None = None,
+    ) -> None:
+        if n_fields < 1 or seed < 0:
+            got = f"n_fields={n_fields}, seed={seed}"
+            raise InputError("a simulated source needs at least one field, and a seed >= 0", got=got)
+        self.n_fields, self.seed, self.planes, self.correct = n_fields, seed, planes, correct
+        self.scenes = Fixed((scenes,)) if isinstance(scenes, Scene) else scenes
+        # The painted scene must extend far enough for the planes: views and photographs share it.
+        self.reach = max(map(abs, planes), default=0.0)
+        self.folder = None
+        if kept_in is not None:
+            camera = astuple(self.scenes.scene(seed, 0, 0).camera)  # whose repr leaves fields out
+            what = repr((self.scenes, camera, seed, self.reach, correct, planes, lfref.__version__))
+            self.folder = kept_in / f"scenes_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
+
+    def __len__(self) -> int:
+        return self.n_fields
+
+    def field(self, index: int, epoch: int = 0) -> Field:
+        """The field at that place of that epoch, in linear light clipped to [0, 1]; kept ones in float16."""
+        if self.folder is None:
+            return self._rendered(index, epoch)
+        path = self.folder / f"{index:05}.npy"
+        if not path.is_file():
+            field = self._rendered(index, 0)
+            parts = {TRUTH: field.truth, WEIGHT: field.weight, ".npy": field.samples}
+            for suffix, part in parts.items():  # the samples last: a field that has them is whole
+                if part is not None:
+                    keep(path.with_suffix(suffix), part.half().numpy())
+        weight, truth = (
+            kept(path.with_suffix(suffix)) if path.with_suffix(suffix).is_file() else None for suffix in (WEIGHT, TRUTH)
+        )
+        return Field(self.scenes.scene(self.seed, 0, index).name, kept(path), weight, truth=truth)
+
+    def light(self, index: int, epoch: int = 0) -> LightField:
+        """The light field of `field`, float32."""
+        return self.field(index, epoch).light()
+
+    def _rendered(self, index: int, epoch: int) -> Field:
+        scene = self.scenes.scene(self.seed, epoch, index)
+        simulation = Simulation(scene, self.reach)
+        views = simulation.run(["views"], [0.0]).views
+        assert views is not None
+        light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
+        corrected, _ = correct_by_option(light, self.correct, even_grid_for=cache.EVEN_GRID)
+        truth = _photograph(simulation, self.planes) if self.planes else None
+        return Field(scene.name, corrected.views, corrected.weight, truth=truth)
+
+
+TRUTH, WEIGHT = ".truth.npy", ".weight.npy"
+"""Ends of the names of files with photographs and weights that are kept."""
+
+
+def _photograph(simulation: Simulation, slopes: tuple[float, ...]) -> Tensor:
+    """The truth in the brightness and colours of the views, clipped and decoded like them."""
+    truth = simulation.run(["truth"], slopes).truth
+    assert truth is not None
+    sensor = simulation.scene.sensor
+    return sensor.encoding.decode(developed(truth, sensor).clamp(0, 1))

@@ -12,7 +12,7 @@ Neural Network", 2016 (the grid); Lim et al., "Enhanced Deep Residual Networks",
 "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings", 2017 (the mixture).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -25,9 +25,6 @@ from lfref.nets.blocks import ACTIVATIONS
 
 STEP = 0.2
 """Scale of the gate: with it, learning rates that suit the inner convolutions suit the last one too."""
-
-WIDENED = ("stem.weight", "head.1.weight", "head.1.bias")
-"""Weights whose shapes depend on the number of features or of candidates."""
 
 
 class RefinerBlock(nn.Module):
@@ -138,22 +135,3 @@ class Refiner(nn.Module):
         # A gate of exactly 0 leaves a picture as it is; without a gate, all shares would have to be 0.
         opening = STEP * F.hardsigmoid(gate).reshape(error_scale.shape).to(error_scale) * error_scale
         return torch.addcmul(pictures, opening, mixed.reshape(pictures.shape).to(pictures))
-
-    def widened(
-        self, weights: Mapping[str, Tensor], inputs: Sequence[int], candidates: Sequence[int]
-    ) -> dict[str, Tensor]:
-        """Weights of a refiner with fewer features for this one: what is new counts nothing at first.
-
-        Args:
-            weights: `state_dict` of a refiner of the same width, blocks and coarse pixels.
-            inputs: Channel here of each of its channels of features.
-            candidates: Number here of each of its candidates.
-        """
-        # The head has r x r channels for each candidate, and as many for the gate.
-        n = self.shuffle**2
-        places = [n * at + part for at in (*candidates, self.n_candidates) for part in range(n)]
-        wider = {name: torch.zeros_like(value) for name, value in self.state_dict().items() if name in WIDENED}
-        wider["stem.weight"][:, list(inputs)] = weights["stem.weight"]
-        for name in ("head.1.weight", "head.1.bias"):
-            wider[name][places] = weights[name]
-        return {**weights, **wider}

@@ -32,9 +32,9 @@ Letters: `N` planes, `K` channels of features, `C H W` channel, pixel row and co
 
 import functools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -63,15 +63,6 @@ FEATURES = (
 """Names of all features."""
 WIDE = {"defocus": 2, "relief": 2}
 """Channels of features that have more than one, besides the candidates and `picture`."""
-FORMER_NAMES = {
-    "guides": "features",
-    "doubts": "error_scale",
-    "doubt": "error_scale",
-    "chance": "noise",
-    "n_guides": "n_features",
-    "n_offers": "n_candidates",
-}
-"""Old -> new names, of features and of entries of files that earlier versions wrote."""
 PLAIN_SUM = functools.partial(shift_and_sum, interpolation="cubic")
 """What `sum`, `inner` and `spread` are measured by."""
 
@@ -103,26 +94,6 @@ class RefinerInputs(NamedTuple):
     """Pictures to correct, in light, [N, C, H, W]."""
     error_scale: Tensor
     """Expected error of the pictures, in light, [N, 1, H, W]."""
-
-
-def renamed(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """An entry of a file with today's names for its keys, and for the names of features that it lists."""
-    entry = {FORMER_NAMES.get(key, key): value for key, value in entry.items()}
-    if isinstance(entry.get("features"), list | tuple):
-        entry["features"] = [FORMER_NAMES.get(name, name) for name in entry["features"]]
-    return entry
-
-
-def channels(names: Sequence[str], n_channels: int) -> dict[tuple[str, int], int]:
-    """Place of each channel of features, by the feature's name and the channel's number within it.
-
-    Args:
-        names: Of the features, in the order in which a refiner reads them.
-        n_channels: Of the pictures.
-    """
-    counts = [n_channels if name in (*CANDIDATES, "picture") else WIDE.get(name, 1) for name in names]
-    of_all = [(name, number) for name, count in zip(names, counts, strict=True) for number in range(count)]
-    return {channel: place for place, channel in enumerate(of_all)}
 
 
 def check_names(names: Sequence[str], n_candidates: int = 0) -> None:

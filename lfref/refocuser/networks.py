@@ -25,7 +25,7 @@ from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocuser import filling
-from lfref.refocuser.features import check_names, refiner_inputs, renamed
+from lfref.refocuser.features import check_names, refiner_inputs
 from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser, Refocuser, check_for_network
 
 REFINER = "refiner"
@@ -155,7 +155,7 @@ def restored_refiner(
         )
     try:
         base, names = described_refiner(entry)
-        refiner = checkpoint.built(path, Refiner, renamed(entry[REFINER]), contents["state_dict"])
+        refiner = checkpoint.built(path, Refiner, entry[REFINER], contents["state_dict"])
         check_names(names, refiner.n_candidates)
     except CheckpointError:
         raise
@@ -175,7 +175,7 @@ def described_refiner(entry: Mapping[str, Any]) -> tuple[OperatorRefocuser, list
         KeyError: The entry lacks something.
         TypeError: Options that the method has not.
     """
-    method, names = entry["base"], renamed(entry)["features"]
+    method, names = entry["base"], entry["features"]
     for name, option in method["options"].items():
         for value in option if isinstance(option, list | tuple) else [option]:
             if not (value is None or isinstance(value, str) or abs(float(value)) <= LARGEST_OPTION):

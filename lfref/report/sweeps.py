@@ -88,8 +88,9 @@ def single_runs(jobs: Sequence[Run]) -> tuple[pd.DataFrame, list[str]]:
     known = dict.fromkeys(key for config in configs for key in config if key.partition(".")[0] not in PLACES)
     texts = [{key: str(config.get(key, tables.DASH)) for key in known} for config in configs]
     keys = [key for key in known if len({text[key] for text in texts}) > 1]
-    # A value that follows another one, such as that of a derived option, tells the same story twice.
-    groups = {tuple(_pattern([text[key] for text in texts])): key for key in reversed(keys)}
+    # A configuration holds an option at each place that refers to it: the shortest key names it.
+    by_length = sorted(keys, key=lambda key: (key.count("."), keys.index(key)), reverse=True)
+    groups = {tuple(_pattern([text[key] for text in texts])): key for key in by_length}
     keys = [key for key in keys if key in groups.values()]
     variants = _pattern([tuple(text[key] for key in keys) for text in texts])
     rows = []

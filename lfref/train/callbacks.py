@@ -24,7 +24,7 @@ from lightning.pytorch.loggers.logger import rank_zero_experiment
 from lightning.pytorch.plugins import TorchCheckpointIO
 from torch import Tensor, nn
 
-from lfref.data.patch_data import Batch
+from lfref.data.crops import Batch
 from lfref.errors import InputError, LfrefError, counted
 from lfref.functional.psnr import psnr
 from lfref.io import atomic, images, tensor_files

@@ -13,8 +13,8 @@ from torch.optim import Optimizer
 from torch.optim.lr_scheduler import CosineAnnealingLR, CyclicLR, LambdaLR, LRScheduler, OneCycleLR
 from torchmetrics import Metric
 
-from lfref.data.patch_data import Batch
-from lfref.data.plane_sets import PlaneBatch, Recipe
+from lfref.data.crops import Batch
+from lfref.data.planes import PlaneBatch, Recipe
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes

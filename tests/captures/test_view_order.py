@@ -10,7 +10,7 @@ import lfref
 from lfref.captures import view_order
 from lfref.captures.correct import correct_by_option
 from lfref.captures.view_order import ViewOrderDefect
-from lfref.data.field_sources import SimulatedSource
+from lfref.data.datamodules import SimulatedSource
 from lfref.io import cameras
 from lfref.lightfield import LightField
 from lfref.refocus.focus.slope_range import reduce_views
@@ -92,7 +92,7 @@ def test_the_spacing_to_give_is_named_and_mends_the_range(uneven):
 
 def test_scenes_in_our_order_keep_it():
     source = SimulatedSource(8, 0, RandomScenes(Camera((5, 5), (64, 72))))
-    scenes = [source.field(index).views for index in range(len(source))]
+    scenes = [source.light(index).views for index in range(len(source))]
     assert not any(order_of(views).remedy for views in scenes)
     assert sum(order_of(views.flip(0)).is_reversed for views in scenes) >= 6  # some hardly move
 

@@ -86,7 +86,7 @@ def test_the_truth_is_one_more_reference_and_judges_first(lfref, tmp_path):
     words = ("n_fields=2", "scene.camera.size=[64,72]", "slopes=[-0.3,0.4]")
     assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
     words = ("eval", f"input={tmp_path}/scenes", "+method@methods.s=shift_and_sum", *QUICK)
-    status, error = lfref(*words, f"truth={tmp_path}/scenes/truth", f"output={tmp_path}/out")
+    status, error = lfref(*words, f"truth={tmp_path}/scenes", f"output={tmp_path}/out")
     assert status == 0, error
     summary = pd.read_csv(tmp_path / "out" / "summary.csv")
     assert set(summary["reference"]) == {"shift_and_sum", "truth"}
@@ -101,5 +101,5 @@ def test_the_truth_is_one_more_reference_and_judges_first(lfref, tmp_path):
     assert (judged["explained"] > 0.5).all()
     assert (judged["nonzero_mpsnr_db"] == judged["mpsnr_db"]).all()  # no plane has slope 0
     assert "On 2 light fields, shift_and_sum" in (tmp_path / "out" / "eval.log").read_text()
-    line = assert_one_line(*lfref(*words, f"truth={tmp_path}/scenes/truth", "slopes=[0]", f"output={tmp_path}/other"))
+    line = assert_one_line(*lfref(*words, f"truth={tmp_path}/scenes", "slopes=[0]", f"output={tmp_path}/other"))
     assert "truth must be 1 plane of 64x72, slope 0" in line or "all 2 light fields must be usable" in line

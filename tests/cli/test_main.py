@@ -65,7 +65,7 @@ def test_a_tilde_is_the_home_folder(monkeypatch):
     assert values(["output=~/runs"]) == {"output": "/home/somebody/runs"}
 
 
-@pytest.mark.parametrize(("command", "key"), list(RUN.items()))
+@pytest.mark.parametrize(("command", "key"), [entry for entry in RUN.items() if entry[0] != "train"])
 def test_a_run_folder_is_what_the_command_takes_one_as(command, key):
     assert values(["run=runs/mine"], command) == {key: "runs/mine"}
 

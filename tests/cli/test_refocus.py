@@ -112,7 +112,6 @@ def test_a_run_goes_on_as_it_began_or_not_at_all(lfref, captures, tmp_path, word
         (("format=bmp",), "format must be one of png, jpg"),
         (("bits=12",), "bits of png must be 8 or 16"),
         (("quality=0",), "quality must be a number"),
-        (("points=perhaps",), "points must be true or false"),
     ],
 )
 def test_pictures_that_cannot_be_written_are_refused_before_any_work(lfref, captures, tmp_path, words, said):

@@ -15,7 +15,6 @@ from lfref.io.read import find, read, read_stack
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
 from lfref.simulator.simulate import PAPER, simulate
-from tests.cli.test_bad_input import assert_one_line
 
 SMALL = ("scene.camera.size=[48,56]", "scene.camera.grid=[3,3]", "planes.alphas=[0.5,1,2]")
 SCENES = sorted(path.stem for path in (configs.directory() / "scene").glob("*.yaml"))
@@ -27,7 +26,7 @@ from lfref.cli import main
 from lfref.io import images
 write_image = images.write_image
 def killed(path, *arguments, **options):
-    if path.match("contact_sheets/*001.png"):
+    if path.match("*001_sheet.png"):
         os._exit(9)
     write_image(path, *arguments, **options)
 images.write_image = killed
@@ -63,13 +62,13 @@ def test_every_scene_can_be_seen(scene_of, name):
 
 def test_files_hold_what_was_simulated(lfref, scene_of, tmp_path):
     assert lfref("simulate", "scene=foliage", "suffix=.exr", *SMALL, f"output={tmp_path}/out")[0] == 0
-    stack, planes = read_stack(tmp_path / "out" / "truth" / "foliage.exr")
+    stack, planes = read_stack(tmp_path / "out" / "foliage_truth.exr")
     found = simulate(scene_of("scene=foliage", *SMALL), 0, ["views", "truth", "disparity"], planes.slopes)
     assert planes.alphas == (0.5, 1.0, 2.0)
     assert torch.equal(read(tmp_path / "out" / "foliage.exr").views, found.views)
     assert torch.equal(stack, found.truth)
-    assert torch.equal(depth(tmp_path / "out" / "disparity" / "foliage.exr"), found.disparity)
-    assert (tmp_path / "out" / "contact_sheets" / "foliage.png").stat().st_size > 10000
+    assert torch.equal(depth(tmp_path / "out" / "foliage_disparity.exr"), found.disparity)
+    assert (tmp_path / "out" / "foliage_sheet.png").stat().st_size > 10000
 
 
 def test_the_lamps_of_the_evening_are_sharp_within_the_papers_planes_and_never_clipped(scene_of):
@@ -91,7 +90,7 @@ def test_a_killed_run_goes_on_with_the_scenes_that_are_missing(lfref, tmp_path, 
     out = tmp_path / "out"
     line = ["lfref", *words, f"output={out}", "resume=auto"]
     assert subprocess.run([sys.executable, "-c", KILLED.format(line=line)], check=False).returncode == 9
-    first = out / "contact_sheets" / "simulated_s0_e0_000.png"
+    first = out / "simulated_s0_e0_000_sheet.png"
     time_ns = first.stat().st_mtime_ns
     status, error = lfref(*words, f"output={out}", "resume=auto")
     assert status == 0, error
@@ -102,8 +101,6 @@ def test_a_killed_run_goes_on_with_the_scenes_that_are_missing(lfref, tmp_path, 
         assert other.exists(), path
         if path.suffix in (".exr", ".png"):
             assert np.array_equal(images.read_image(other), images.read_image(path)), path
-    assert "settings that it began with" in assert_one_line(*lfref(*words, f"resume={out}", "seed=1"))
-    assert lfref(*words, f"output={out}", "overwrite=true")[0] == 0, "all files are the run's own"
 
 
 @pytest.mark.parametrize("suffix", ["", ".exr"])
@@ -129,9 +126,9 @@ def test_pictures_of_a_square_number_of_scenes_are_no_views(lfref, tmp_path):
 def test_the_pinhole_picture_and_masks_are_written(lfref, scene_of, tmp_path):
     assert lfref("simulate", "scene=twigs", "outputs=[all_in_focus,masks]", *SMALL, f"output={tmp_path}/out")[0] == 0
     found = simulate(scene_of("scene=twigs", *SMALL).scene(0, 0, 0), 0, ["all_in_focus", "masks"])
-    sharp = images.read_image(tmp_path / "out" / "all_in_focus" / "twigs.exr")
+    sharp = images.read_image(tmp_path / "out" / "twigs_all_in_focus.exr")
     assert torch.equal(torch.from_numpy(sharp).movedim(2, 0), found.all_in_focus)
-    with images.open_image(tmp_path / "out" / "masks" / "twigs.exr") as source:
+    with images.open_image(tmp_path / "out" / "twigs_masks.exr") as source:
         masks = [images.read_part(source, tmp_path, part)[..., 0] for part in range(len(found.masks))]
         names = [source.seek_subimage(k, 0) and source.spec()["oiio:subimagename"] for k in range(len(masks) + 1)]
     assert np.array_equal(masks, found.masks)

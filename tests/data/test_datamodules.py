@@ -4,6 +4,7 @@ import functools
 import logging
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -11,12 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfref.data import cache, datamodules
-from lfref.data.datamodules import FolderData, SimulatedData
-from lfref.data.field_sources import SimulatedSource
-from lfref.data.label_sources import OperatorLabels, RenderedLabels
-from lfref.errors import FileError, InputError
+from lfref.data.datamodules import FolderData, SimulatedData, SimulatedSource
+from lfref.data.labels import OperatorLabels, RenderedLabels
+from lfref.errors import FileError, InputError, LfrefError
 from lfref.geometry import planes_at_alphas
-from lfref.io import ownership
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
@@ -49,9 +48,14 @@ def places(loader):
     return [place for batch in loader for place in batch["where"]]
 
 
+def batches_of(data, loader=None):
+    """Batches as the network gets them."""
+    return [data.on_after_batch_transfer(batch, 0) for batch in loader or data.train_dataloader()]
+
+
 def test_a_batch_holds_the_patches_of_as_many_fields_as_asked_for():
     for fields_per_batch, sizes in ((1, [2] * 5), (2, [4, 4, 2]), (5, [10])):
-        batches = list(simulated(fields_per_batch=fields_per_batch).train_dataloader())
+        batches = batches_of(simulated(fields_per_batch=fields_per_batch))
         assert [len(batch["where"]) for batch in batches] == sizes
         assert batches[0]["views"].shape == (sizes[0], 3, 3, 3, 8, 8)
         assert batches[0]["labels"].shape == (sizes[0], 2, 3, 8, 8)
@@ -65,7 +69,7 @@ def test_files_that_are_not_decoded_hold_no_linear_light(folder_data):
 
 
 def test_patches_without_a_margin_are_light_fields_of_their_own():
-    alone, within = (next(iter(simulated(label_margin=has).train_dataloader())) for has in (False, True))
+    alone, within = (batches_of(simulated(label_margin=has))[0] for has in (False, True))
     assert torch.equal(alone["views"], within["views"])
     own = torch.stack([LABELS(LightField(views)) for views in alone["views"]])
     torch.testing.assert_close(alone["labels"], own)
@@ -74,24 +78,21 @@ def test_patches_without_a_margin_are_light_fields_of_their_own():
 
 @pytest.mark.parametrize("labels", [LABELS, RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))])
 def test_scenes_that_are_kept_are_those_of_the_first_epoch_in_half_precision(tmp_path, labels):
-    loaders = [simulated(labels, cache_folder=folder).train_dataloader() for folder in (None, str(tmp_path))]
+    made = [simulated(labels, cache_folder=folder) for folder in (None, str(tmp_path))]
+    loaders = [data.train_dataloader() for data in made]
     for epoch, is_equal in ((0, True), (1, False)):
         for loader in loaders:
             loader.sampler.set_epoch(epoch)
-        rendered, kept = ({batch["where"][0]: batch for batch in loader} for loader in loaders)
+        rendered, kept = (
+            {batch["where"][0]: batch for batch in batches_of(data, loader)}
+            for data, loader in zip(made, loaders, strict=True)
+        )
         # Kept scenes have the name of the first epoch; patches are drawn anew.
         assert (rendered.keys() == kept.keys()) == is_equal
         for name in rendered.keys() & kept.keys():
             for what in ("views", "labels"):
                 torch.testing.assert_close(kept[name][what], rendered[name][what], atol=1e-3, rtol=0)
     assert len(list(tmp_path.glob("scenes_*/*.npy"))) == (5 if labels is LABELS else 10)
-
-
-@pytest.mark.parametrize(
-    ("labels", "reach"), [(LABELS, 0.0), (RenderedLabels("r", planes_at_alphas((0.25, 2.0))), 3.0)]
-)
-def test_scenes_are_painted_as_far_as_rendered_labels_reach(labels, reach):
-    assert [source.reach for source in simulated(labels).sources()] == [reach, reach]
 
 
 def test_training_draws_new_patches_each_epoch_and_validation_the_same():
@@ -106,19 +107,19 @@ def test_training_draws_new_patches_each_epoch_and_validation_the_same():
 
 def test_held_out_scenes_are_not_those_of_training():
     data = simulated(n_fields=3)
-    train = [data.train.field(index).views for index in range(3)]
-    held = [data.validation.field(index).views for index in range(3)]
+    train = [data.train.light(index).views for index in range(3)]
+    held = [data.validation.light(index).views for index in range(3)]
     assert all(not torch.allclose(one, two, atol=1e-2) for one in train for two in held)
 
 
 def test_held_out_scenes_may_be_fixed_ones_the_same_for_every_seed():
     fixed = RandomScenes(Camera((3, 3), (16, 18)), disparities=(0.3, 0.4))
-    held = [simulated(seed=seed, validation_scenes=fixed).validation.field(1) for seed in (0, 5)]
+    held = [simulated(seed=seed, validation_scenes=fixed).validation.light(1) for seed in (0, 5)]
     assert torch.equal(held[0].views, held[1].views)
-    trained = [SimulatedSource(3, 0, fixed).field(index).views for index in range(3)]
+    trained = [SimulatedSource(3, 0, fixed).light(index).views for index in range(3)]
     assert not any(torch.allclose(held[0].views, views, atol=1e-2) for views in trained)
     scenes = Fixed(tuple(fixed.scene(0, 0, index) for index in range(3)))  # given ones stay as they are
-    kept = simulated(seed=5, validation_scenes=scenes).validation.field(1)
+    kept = simulated(seed=5, validation_scenes=scenes).validation.light(1)
     assert torch.equal(kept.views, trained[1])
 
 
@@ -129,42 +130,13 @@ def test_workers_render_the_labels_that_the_training_process_would():
     helped._iterator._shutdown_workers()
     for one, two in zip(alone, batches, strict=True):
         assert one["where"] == two["where"]
-        assert torch.equal(one["labels"], two["labels"])
-
-
-@pytest.mark.parametrize("workers", [0, 1])
-@pytest.mark.parametrize("bits", [8, 16])
-def test_labels_on_the_device_of_the_network_are_those_of_the_loader(store, folder_data, bits, workers):
-    for number in range(3):
-        store(f"field_{number}", seed=number, bits=bits, weight=True)
-    for make in (folder_data, simulated):
-        batches = []
-        for place in ("loader", "device"):
-            data = make(labels_on=place, workers=workers)
-            data.setup("fit")
-            loader = data.train_dataloader()
-            batches.append([data.on_after_batch_transfer(batch, 0) for batch in loader])
-            assert ("patches" in next(iter(loader))) == (place == "device")
-            if loader.num_workers:
-                loader._iterator._shutdown_workers()
-        for one, two in zip(*batches, strict=True):
-            assert one["where"] == two["where"]
-            for name in ("views", "labels", "slopes"):
-                torch.testing.assert_close(one[name], two[name], atol=1e-6, rtol=0)
-
-
-def test_rendered_labels_are_made_by_the_loader():
-    data = simulated(labels=RenderedLabels("rendered", planes_at_alphas((0.5, 2.0))), labels_on="device", workers=0)
-    data.setup("fit")
-    assert "labels" in next(iter(data.train_dataloader()))
+        torch.testing.assert_close(one["labels"], two["labels"], atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ({"fields_per_batch": 0}, "patch, patches_per_field and fields_per_batch must be >= 1, seed and timeout >= 0"),
-        ({"workers": -1}, "workers must be auto or a number >= 0; got -1"),
-        ({"labels_on": "gpu"}, "labels_on must be auto, loader or device; got 'gpu'"),
+        ({"fields_per_batch": 0}, "patch, patches_per_field and fields_per_batch must be at least 1"),
     ],
 )
 def test_batches_that_cannot_be_are_refused(options, expected):
@@ -184,6 +156,8 @@ def test_each_rank_of_a_distributed_run_gets_its_share():
 
         class fit_loop:  # noqa: N801
             restarting = False
+            epoch_progress = SimpleNamespace(total=None)
+            epoch_loop = SimpleNamespace(batch_progress=None)
 
         class accelerator:  # noqa: N801
             name = staticmethod(lambda: "cpu")
@@ -212,9 +186,9 @@ def test_a_folder_gives_batches_through_the_cache(store, folder_data, tmp_path):
         store(f"field_{number}", seed=number)
     data = folder_data(reader={"views": 2})
     data.setup("fit")
-    batches = list(data.train_dataloader())
+    batches = batches_of(data)
     assert [batch["views"].shape for batch in batches] == [(2, 2, 2, 3, 6, 6)] * 2
-    assert len(list((tmp_path / "cache").glob("*.field"))) == 2
+    assert len(list((tmp_path / "cache").glob("field_*"))) == 2
 
 
 def test_fields_held_out_by_content_are_left_out_and_named_in_the_log(store, folder_data, tmp_path, caplog):
@@ -259,8 +233,26 @@ def test_what_one_process_prepares_no_other_reads_again(store, folder_data, monk
         store(f"field_{seed}", seed=seed)
     folder_data().prepare_data()
     cache._hashes.cache_clear()  # as in another process
-    monkeypatch.setattr(ownership, "digest", lambda file: pytest.fail(f"{file} was read again"))
-    assert len(folder_data().sources()[0]) == 2
+    monkeypatch.setattr(cache, "_digest", lambda file: pytest.fail(f"{file} was read again"))
+    monkeypatch.setattr(cache, "_decode", lambda *_: pytest.fail("a file was decoded again"))
+    data = folder_data(workers=0)
+    data.setup("fit")
+    assert len(batches_of(data)) == 2
+
+
+def test_a_field_that_cannot_be_decoded_is_named_and_the_others_are_done(store, folder_data, tmp_path):
+    for seed in range(3):
+        store(f"field_{seed}", seed=seed)
+    view = sorted((tmp_path / "fields" / "field_1").glob("*.png"))[0]
+    view.write_bytes(view.read_bytes()[:-20])
+    with pytest.raises(LfrefError, match=r"got 1 that are not: .*field_1"):
+        folder_data().prepare_data()
+    assert len(list((tmp_path / "cache").glob("field_*"))) == 2
+
+
+def test_cameras_off_the_even_grid_are_refused(folder_data):
+    with pytest.raises(InputError, match="even grid"):
+        folder_data(reader={"spacing": [1.0, 2.0]})
 
 
 def test_nothing_left_to_train_on_is_refused(store, folder_data, tmp_path):
@@ -268,16 +260,6 @@ def test_nothing_left_to_train_on_is_refused(store, folder_data, tmp_path):
     store("b", seed=0, folder="held")
     with pytest.raises(InputError, match="no light field is left to train on"):
         folder_data(validation_path=str(tmp_path / "held")).sources()
-
-
-def test_a_folder_has_no_rendered_labels(store, folder_data):
-    for seed in (0, 1):
-        store(f"field_{seed}", seed=seed)
-    data = folder_data()
-    data.labels = RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))
-    data.setup("fit")
-    with pytest.raises(InputError, match="use data=simulated"):
-        next(iter(data.train_dataloader()))
 
 
 def test_a_folder_without_light_fields_is_a_file_error(folder_data, tmp_path):
@@ -356,26 +338,6 @@ def test_the_papers_test_set_has_its_30_names():
     numbers = [int(name[4:8]) for name in datamodules.PAPER_TEST[:25]]
     assert (len(datamodules.PAPER_TEST), len(set(numbers)), sum(numbers)) == (30, 25, 34194)
     assert datamodules.PAPER_TEST[25:] == ("Cars", "Flower1", "Flower2", "Rock", "Seahorse")
-
-
-def test_a_training_is_resumed_with_the_light_fields_that_it_began_with(folder_data, store, tmp_path):
-    for index in range(4):
-        store(f"field_{index}", seed=index)
-    data = folder_data(validation_share=0.25)
-    data.setup("fit")
-    state = data.state_dict()
-    assert sorted(state["train"] + state["validation"]) == [f"field_{index}" for index in range(4)]
-    data.load_state_dict(state)
-    store("field_9", seed=9)
-    for change in (lambda: None, lambda: shutil.rmtree(tmp_path / "fields" / state["train"][0])):
-        change()
-        later = folder_data(validation_share=0.25)
-        later.setup("fit")
-        with pytest.raises(InputError, match="new: "):
-            later.load_state_dict(state)
-        allowed = folder_data(validation_share=0.25, allow_changes=True)
-        allowed.setup("fit")
-        allowed.load_state_dict(state)
 
 
 @pytest.mark.parametrize(("n_train", "n_held"), [(0, 1), (1, 0)])

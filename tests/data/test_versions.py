@@ -16,8 +16,8 @@ from torch.nn import functional as F
 
 from lfref.captures import correct as corrections
 from lfref.captures.correct import correct
-from lfref.data import plane_sets
-from lfref.data.plane_sets import Recipe
+from lfref.data import planes
+from lfref.data.planes import Recipe
 from lfref.io import images
 from lfref.io import read as reader
 from lfref.io.write import write
@@ -71,7 +71,7 @@ def prepared(folder):
         OperatorRefocuser("shift_and_sum", shift_and_sum),
         grids=((3, 3),),
     )
-    items = [plane_sets.make(recipe, index) for index in (0, 1)]
+    items = [planes.make(recipe, index) for index in (0, 1)]
     return torch.cat([F.avg_pool2d(torch.cat(item[:4], 1), 8).flatten() for item in items])
 
 
@@ -93,7 +93,7 @@ CHECKS = {
     "decoded": (decoded, 1e-5, "VERSION in lfref/io/read.py", reader.VERSION),
     "corrected": (corrected, 2e-3, "VERSION in lfref/captures/correct.py", corrections.VERSION),
     # Almost equal costs decide some disparities otherwise on another processor: 28 of 10,800 numbers, by up to 4.4e-3.
-    "prepared": (prepared, 1e-2, "VERSION in lfref/data/plane_sets.py", plane_sets.VERSION),
+    "prepared": (prepared, 1e-2, "VERSION in lfref/data/planes.py", planes.VERSION),
     "described": (described, 0, "VERSION and VERSION_2 in lfref/simulator/sim30.py", sim30.VERSION),
 }
 

@@ -101,7 +101,7 @@ def test_what_no_graph_computes_is_refused(tmp_path):
 
 
 def test_a_file_of_other_pictures_is_not_left(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "load", lambda path: cases.network(shuffle=2))
+    monkeypatch.setattr(files, "load", lambda path, net=None: cases.network(shuffle=2))
     with pytest.raises(LfrefError, match=r"must compute the pictures of net"):
         files.export(cases.network(), tmp_path / "net.safetensors", cases.FIELDS, SLOPES)
     assert not list(tmp_path.iterdir())

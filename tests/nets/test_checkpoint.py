@@ -165,8 +165,8 @@ def test_a_file_that_would_run_code_is_refused_unread(tmp_path):
     [
         ({"format": 3}, ("must have format 2; got 3", "update lfref")),
         ({"format": None}, ("must have format 2",)),
-        ({"network": {"name": "unet"}}, ("must hold one of refnet; got unet",)),
-        ({"network": {}}, ("must hold one of refnet",)),
+        ({"network": {"name": "unet"}}, ("must hold one of our networks; got unet",)),
+        ({"network": {}}, ("must hold one of our networks",)),
         ({"network": {"name": "refnet", "colour": 3}}, ("describes no network", "colour")),
         ({"network": {"name": "refnet", "widths": [3]}}, ("describes no network", "must be even")),
         ({"planes": {"slopes": [1.0]}}, ("describes no network", "as many planes")),

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from lfref.data.field_sources import SimulatedSource
+from lfref.data.datamodules import SimulatedSource
 from lfref.geometry import planes_at_alphas
 from lfref.metrics.stack import Explained
 from lfref.nets import initialization
@@ -294,7 +294,7 @@ def scenes():
     """Views [4, V, U, C, H, W] of simulated scenes, their stacks by shift-and-sum, and the planes."""
     planes = planes_at_alphas((0.5, 0.75, 1.0, 2.0))
     source = SimulatedSource(4, 0, RandomScenes(Camera((3, 3), (48, 48))))
-    views = torch.stack([source.field(index).views for index in range(4)])
+    views = torch.stack([source.light(index).views for index in range(4)])
     return views, shift_and_sum(views, planes.slopes), planes
 
 

@@ -5,7 +5,7 @@ import torch
 from torch.nn import functional as F
 
 import lfref
-from lfref.data.field_sources import SimulatedSource
+from lfref.data.datamodules import SimulatedSource
 from lfref.metrics.stack import Explained
 from lfref.nets import checkpoint
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -29,7 +29,7 @@ def network():
 def stacks(network):
     """Views, labels and the network's stacks of the scenes of `make demo`, at half their size."""
     source = SimulatedSource(4, 2026, RandomScenes(Camera(size=(120, 160))))
-    views = torch.stack([source.field(index).views for index in range(4)])
+    views = torch.stack([source.light(index).views for index in range(4)])
     return views, shift_and_sum(views, network.planes.slopes), network(views)
 
 

@@ -67,7 +67,6 @@ def test_planes_have_a_line_of_the_first_the_best_and_the_last_validation():
     (axes,) = plots.validation_by_plane(by_plane).axes
     for name, mpsnr in (("first, step 1", 20.0), ("best, step 2", 33.5), ("last, step 4", 32.25)):
         assert points(line_of(axes, name)) == [(alpha, mpsnr + alpha) for alpha in ALPHAS]
-    assert plots.other_metrics(by_plane) is None
     assert plots.validation_by_plane(metrics()) is None
 
 

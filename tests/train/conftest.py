@@ -10,7 +10,7 @@ import torch
 from lightning.pytorch import Trainer
 
 from lfref.data.datamodules import SimulatedData
-from lfref.data.label_sources import OperatorLabels
+from lfref.data.labels import OperatorLabels
 from lfref.geometry import planes_at_alphas
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet

@@ -15,7 +15,6 @@ from lightning.pytorch import Callback
 from torch import distributed
 
 from lfref.train.callbacks import Initialization, RankAgreement, StepGuard
-from lfref.train.stopping import Stopping
 from tests.cli.conftest import TINY, lfref  # noqa: F401  a fixture
 
 pytestmark = pytest.mark.slow
@@ -155,15 +154,3 @@ def test_processes_start_and_end_with_equal_weights(module, data, trainer, tmp_p
         one, other = (torch.load(tmp_path / f"{when}_{rank}.pt", weights_only=True) for rank in range(2))
         assert all(torch.equal(value, other[name]) for name, value in one.items())
         assert not torch.equal(one["trunk.0.weight"], before["trunk.0.weight"])
-
-
-@quiet
-def test_processes_meet_for_the_gradients_only_and_for_the_log_when_it_is_due(module, data, trainer, tmp_path):
-    stopping = Stopping(tmp_path / "last.ckpt", lambda reason: None, minutes=15)
-    callbacks = [Initialization(), StepGuard(), stopping, Meetings()]
-    options = {"devices": 2, "strategy": "ddp_fork", "plugins": [], "log_every_n_steps": 4}
-    trainer(max_epochs=3, callbacks=callbacks, **options).fit(module, datamodule=data)
-    gradients = {"all_reduce": 1}
-    logged = {"all_reduce": 2, "barrier": 1}
-    steps = json.loads((tmp_path / "meetings.json").read_text())
-    assert steps == [gradients, gradients, gradients, logged, gradients, gradients]

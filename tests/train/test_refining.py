@@ -7,17 +7,15 @@ import torch
 from lightning.pytorch.callbacks import EMAWeightAveraging
 
 import lfref
-from lfref.data import plane_sets
-from lfref.data.plane_sets import Item, PlaneData, Recipe
-from lfref.errors import CheckpointError
+from lfref.data import planes as plane_sets
+from lfref.data.planes import Item, PlaneData, Recipe
 from lfref.losses.composite import RelativeError
-from lfref.nets import checkpoint
 from lfref.nets.refiner import Refiner
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.train.callbacks import BestCheckpoint, StepGuard
 from lfref.train.modules import Refining, WarmupCosine
-from tests.data.test_plane_sets import SCENES
+from tests.data.test_planes import SCENES
 from tests.train.test_resume import quiet
 
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
@@ -80,34 +78,3 @@ def test_a_checkpoint_of_averaged_weights_refocuses_and_goes_on(module, data, tr
     again = trainer(max_steps=30, callbacks=[best, EMAWeightAveraging(decay=0.9)], **options)
     again.fit(module, datamodule=data, ckpt_path=str(tmp_path / "best.ckpt"), weights_only=True)
     assert again.lr_scheduler_configs[0].scheduler.last_epoch == 30
-
-
-def test_training_starts_from_a_refiner_that_reads_only_some_of_the_features(module, tmp_path):
-    for parameter in module.net.head.parameters():
-        torch.nn.init.normal_(parameter)
-    checkpoint.write_weights(
-        tmp_path / "small.safetensors", {"lfref": module.payload(), "state_dict": module.state_dict()}, {}
-    )
-    names = ("sum", "central", "defocus", "spread")
-    large = Refining(
-        Refiner(9, 2, width=8, n_blocks=1),
-        RelativeError(),
-        Recipe(SCENES, BASE, features=names),
-        functools.partial(torch.optim.Adam, lr=0.01),
-    )
-    large.start_from(tmp_path / "small.safetensors")
-    sums, central, defocus, spread = torch.rand(2, 9, 20, 22).split([3, 3, 2, 1], 1)
-    pictures, scale = torch.rand(2, 3, 20, 22), torch.rand(2, 1, 20, 22)
-    expected = module(torch.cat([central, spread], 1), pictures, scale)
-    assert not torch.equal(expected, pictures)
-    got = large(torch.cat([sums, central, defocus, spread], 1), pictures, scale)
-    torch.testing.assert_close(got, expected)
-    with pytest.raises(CheckpointError, match="must be"):
-        module.start_from(lfref.refocuser.networks.SHIPPED["learned"])
-    # Another width, and a candidate that is none there: one line, no traceback.
-    wide = Refiner(9, 2, width=12, n_blocks=1)
-    other = Refiner(9, 1, width=8, n_blocks=1)
-    for net, order in ((wide, names), (other, ("sum", "central", "defocus", "spread"))):
-        start = Refining(net, RelativeError(), Recipe(SCENES, BASE, features=order), large.optimizer)
-        with pytest.raises(CheckpointError, match="must be"):
-            start.start_from(tmp_path / "small.safetensors")

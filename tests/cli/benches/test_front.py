@@ -141,10 +141,10 @@ def test_the_reference_of_captures_is_exact_refocusing_and_the_log_says_so(lfref
 def test_light_fields_are_evaluated_by_a_truth_that_is_given(lfref, front, tmp_path):
     words = ("n_fields=2", "scene.camera.size=[64,72]", "planes.alphas=[0.5,1]")
     assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
-    given, _ = front(f"input={tmp_path}/scenes", f"truth={tmp_path}/scenes/truth", "margin=8")
+    given, _ = front(f"input={tmp_path}/scenes", f"truth={tmp_path}/scenes", "margin=8")
     assert {(row["class"], row["reference"]) for row in given["evaluation"]} == {("given", "truth")}
     for row in given["evaluation"]:
-        truth, planes = read_stack(tmp_path / "scenes" / "truth" / f"{row['scene']}.exr")
+        truth, planes = read_stack(tmp_path / "scenes" / f"{row['scene']}_truth.exr")
         views = lfref_package.read(tmp_path / "scenes" / row["scene"]).views
         plane = [round(slope, 3) for slope in planes.slopes.tolist()].index(round(float(row["slope"]), 3))
         stack = {"shift_and_sum": shift_and_sum, "exact_fourier": exact_fourier}[row["method"]](views, planes.slopes)
@@ -157,11 +157,11 @@ def test_a_truth_that_does_not_fit_is_one_clear_line(lfref, tmp_path):
     assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
     for number, (more, expected) in enumerate(
         {
-            (f"truth={tmp_path}/scenes/truth",): "truth must be 2 planes of 64x72, alpha 0.5, alpha 1",
-            (f"truth={next((tmp_path / 'scenes' / 'truth').iterdir())}",): "must be a folder of NAME.exr",
-            (f"truth={tmp_path}/scenes/truth", "thin=2"): "give one of them",
-            (f"truth={tmp_path}/scenes",): "cannot be read",
-            (f"truth={tmp_path}/scenes/truth", "input=null"): "truth belongs to light fields of yours",
+            (f"truth={tmp_path}/scenes",): "truth must be 2 planes of 64x72, alpha 0.5, alpha 1",
+            (f"truth={next((tmp_path / 'scenes').glob('*_truth.exr'))}",): "must be a folder of NAME_truth.exr",
+            (f"truth={tmp_path}/scenes", "thin=2"): "give one of them",
+            (f"truth={tmp_path}",): "cannot be read",
+            (f"truth={tmp_path}/scenes", "input=null"): "truth belongs to light fields of yours",
         }.items()
     ):
         status, errors = lfref(

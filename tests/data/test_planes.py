@@ -6,11 +6,10 @@ import functools
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import save_file
 
-from lfref.data import plane_sets
-from lfref.data.plane_sets import Crops, Item, PlaneData, Recipe, turned
-from lfref.errors import FileError, InputError
+from lfref.data import planes
+from lfref.data.planes import Item, PlaneCrops, PlaneData, Recipe, turned
+from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.features import FEATURES
@@ -31,26 +30,26 @@ def equal(one, two):
 
 def test_items_are_fixed_by_recipe_and_number():
     torch.manual_seed(1)
-    first = plane_sets.make(RECIPE, 3)
+    first = planes.make(RECIPE, 3)
     torch.manual_seed(2)
-    assert equal(first, plane_sets.make(RECIPE, 3))
-    for other in (plane_sets.make(RECIPE, 4), plane_sets.make(dataclasses.replace(RECIPE, seed=6), 3)):
+    assert equal(first, planes.make(RECIPE, 3))
+    for other in (planes.make(RECIPE, 4), planes.make(dataclasses.replace(RECIPE, seed=6), 3)):
         assert not torch.equal(first.pictures, other.pictures)
 
 
 def test_an_item_has_planes_near_focus_and_others_each_with_its_features():
-    item = plane_sets.make(RECIPE, 0)
+    item = planes.make(RECIPE, 0)
     assert item.pictures.shape == item.missing.shape == (4, 3, 40, 44)
     assert item.features.shape == (4, 38, 40, 44)
     assert item.error_scale.shape == (4, 1, 40, 44)
     assert -3 <= float(item.slopes[3]) <= -2
-    assert float(item.slopes[:3].abs().max()) < 2 + plane_sets.NEAR
+    assert float(item.slopes[:3].abs().max()) < 2 + planes.NEAR
 
 
 def test_what_is_missing_makes_the_picture_of_a_lens():
     ideal = dataclasses.replace(RECIPE, ideal=1.0)
     for index in range(3):
-        item = plane_sets.make(ideal, index)
+        item = planes.make(ideal, index)
         inner = (..., slice(8, -8), slice(8, -8))
         assert float(psnr(item.pictures[:2][inner], (item.pictures + item.missing)[:2][inner]).min()) > 30
         assert float((item.pictures + item.missing).min()) >= -1e-6
@@ -58,8 +57,7 @@ def test_what_is_missing_makes_the_picture_of_a_lens():
 
 def test_cameras_of_more_samples_leave_detail_that_aliases():
     sharp, smooth = (
-        plane_sets.make(dataclasses.replace(RECIPE, ideal=1.0, samples=samples), 1).pictures[0]
-        for samples in ((2,), (1,))
+        planes.make(dataclasses.replace(RECIPE, ideal=1.0, samples=samples), 1).pictures[0] for samples in ((2,), (1,))
     )
     steps = [float((picture[..., 1:] - picture[..., :-1]).abs().mean()) for picture in (sharp, smooth)]
     assert steps[0] > 1.05 * steps[1]
@@ -69,7 +67,7 @@ def test_scenes_with_a_sensor_are_the_same_scenes_and_their_pictures_worse():
     noisy = dataclasses.replace(
         RECIPE, scenes=dataclasses.replace(SCENES, sensor=RandomSensor(noise=1.0, shot=(0.01, 0.01)))
     )
-    spoilt, ideal = (plane_sets.make(dataclasses.replace(noisy, ideal=share), 1) for share in (0.0, 1.0))
+    spoilt, ideal = (planes.make(dataclasses.replace(noisy, ideal=share), 1) for share in (0.0, 1.0))
     assert torch.equal(spoilt.slopes, ideal.slopes)
     assert float(spoilt.missing[:2].std()) > 1.1 * float(ideal.missing[:2].std())
 
@@ -78,19 +76,19 @@ def test_plain_scenes_are_matte_and_still_and_have_no_sensor():
     varied = RandomScenes(Camera((3, 3), (40, 44)), mirror=1.0, moving=1.0, sensor=RandomSensor(noise=1.0))
     recipe = dataclasses.replace(RECIPE, scenes=varied, plain=1.0, ideal=0.0)
     bare = dataclasses.replace(recipe, scenes=dataclasses.replace(RandomScenes(varied.camera)), plain=0.0, ideal=1.0)
-    assert equal(plane_sets.make(recipe, 2), plane_sets.make(bare, 2))
+    assert equal(planes.make(recipe, 2), planes.make(bare, 2))
 
 
 def test_flat_scenes_are_one_or_two_planes_that_face_the_camera():
     slanted = dataclasses.replace(SCENES, slant=0.01, domes=1.0)
     flat = dataclasses.replace(RECIPE, scenes=slanted, plain=1.0, flat=1.0, ideal=0.0)
     facing = dataclasses.replace(flat, scenes=dataclasses.replace(SCENES, n_surfaces=(1, 2)), flat=0.0)
-    assert equal(plane_sets.make(flat, 2), plane_sets.make(facing, 2))
-    assert not equal(plane_sets.make(flat, 2), plane_sets.make(dataclasses.replace(flat, flat=0.0), 2))
+    assert equal(planes.make(flat, 2), planes.make(facing, 2))
+    assert not equal(planes.make(flat, 2), planes.make(dataclasses.replace(flat, flat=0.0), 2))
 
 
 def test_a_share_of_the_slopes_is_whole():
-    slopes = plane_sets.make(dataclasses.replace(RECIPE, whole=1.0), 0).slopes
+    slopes = planes.make(dataclasses.replace(RECIPE, whole=1.0), 0).slopes
     assert torch.equal(slopes, slopes.round())
 
 
@@ -100,38 +98,22 @@ def test_cameras_with_vignetting_have_a_white_picture():
     )
     errors = []
     for recipe in (falling, dataclasses.replace(falling, correct="none")):
-        item = plane_sets.make(recipe, 0)
+        item = planes.make(recipe, 0)
         corners = item.missing[..., ::39, ::43] / (item.pictures + item.missing)[..., ::39, ::43].clamp(min=0.05)
         errors.append(float(corners.abs().mean()))
     assert errors[0] < 0.2 * errors[1]
 
 
 def test_files_keep_what_is_missing_to_a_thousandth_of_it(tmp_path):
-    item = plane_sets.make(RECIPE, 0)
-    plane_sets.write(path := plane_sets.path_of(tmp_path, 0), item)
-    kept = Item(*(part.double() for part in plane_sets.read(path)))
+    item = planes.make(RECIPE, 0)
+    planes.write(path := tmp_path / "000000.safetensors", item)
+    kept = Item(*(part.double() for part in planes.read(path)))
     truth = item.pictures + item.missing
     error = (kept.pictures + kept.missing - truth).abs()
     assert bool((error <= 1e-3 * kept.missing.abs() + 1e-6).all())
     torch.testing.assert_close(kept.features.float(), item.features, atol=1e-3, rtol=1e-3)
     torch.testing.assert_close(kept.error_scale.float(), item.error_scale, atol=1e-7, rtol=1e-3)
     assert torch.equal(kept.slopes, item.slopes)
-
-
-def test_a_set_of_an_earlier_version_has_other_names(tmp_path):
-    item = plane_sets.make(RECIPE, 0)
-    former = dict(zip(("guides", "pictures", "doubts", "missing", "slopes"), item, strict=True))
-    save_file({name: part.contiguous() for name, part in former.items()}, path := tmp_path / "0.safetensors")
-    for kept, part in zip(plane_sets.read(path), item, strict=True):
-        assert torch.equal(kept, part)
-
-
-@pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04damaged"])
-def test_a_damaged_file_is_one_line(tmp_path, content):
-    path = plane_sets.path_of(tmp_path, 0)
-    path.write_bytes(content)
-    with pytest.raises(FileError, match="prepare again"):
-        plane_sets.read(path)
 
 
 def test_another_recipe_is_another_set(tmp_path):
@@ -146,7 +128,7 @@ def test_another_recipe_is_another_set(tmp_path):
     ]  # fmt: skip
     keys = {recipe.key() for recipe in (RECIPE, *others)}
     assert len(keys) == len(others) + 1
-    assert plane_sets.folder_of(RECIPE, tmp_path).name == RECIPE.key()[:16]
+    assert PlaneData(RECIPE, str(tmp_path)).folder.name == RECIPE.key()[:16]
 
 
 def test_a_new_field_of_a_sensor_changes_no_key_but_a_new_version_does(monkeypatch):
@@ -155,7 +137,7 @@ def test_a_new_field_of_a_sensor_changes_no_key_but_a_new_version_does(monkeypat
     newer = dataclasses.make_dataclass("RandomSensor", fields, bases=(RandomSensor,), frozen=True)
     scenes = dataclasses.replace(SCENES, sensor=newer(noise=1.0, tone_curve=0.5))
     assert dataclasses.replace(RECIPE, scenes=scenes).key() == before
-    monkeypatch.setattr(plane_sets, "VERSION", plane_sets.VERSION + 1)
+    monkeypatch.setattr(planes, "VERSION", planes.VERSION + 1)
     assert RECIPE.key() != before
 
 
@@ -174,19 +156,38 @@ def folder(tmp_path):
         pictures = torch.rand(2, 3, 20, 24)
         features = torch.cat([pictures, pictures + 1], 1)
         item = Item(features, pictures, pictures[:, :1] / 4, pictures / 2, torch.zeros(2, dtype=torch.float64))
-        plane_sets.write(plane_sets.path_of(tmp_path, index), item)
+        planes.write(tmp_path / f"{index:06d}.safetensors", item)
     return tmp_path
 
 
-def data(folder, **options):
-    settings = {"folder": str(folder), "n_validation": 2, "crop": 16, "planes_per_batch": 4} | options
-    made = PlaneData(RECIPE, "unused", **settings)
-    made.setup("fit")
+def data(folder):
+    """A data module of these items."""
+    made = PlaneData(RECIPE, "unused", n_fields=6, n_validation=2, crop=16, planes_per_batch=4, workers=0)
+    made.held, made.trained = (paths := sorted(folder.glob("*.safetensors")))[:2], paths[2:]
     return made
 
 
+def test_missing_items_are_made_once_by_several_processes(tmp_path):
+    small = dataclasses.replace(RECIPE, n_near=1)
+    made = PlaneData(small, str(tmp_path), n_fields=3, n_validation=1, crop=16, planes_per_batch=2, workers=0)
+    made.prepare_data()
+    paths = sorted(made.folder.iterdir())
+    assert paths == [*made.held, *made.trained]
+    times = [path.stat().st_mtime_ns for path in paths]
+    made.prepare_data()
+    assert [path.stat().st_mtime_ns for path in paths] == times
+    planes.write(tmp_path / "alone.safetensors", planes.make(small, 2))
+    assert equal(planes.read(paths[2]), planes.read(tmp_path / "alone.safetensors"))
+
+
+@pytest.mark.parametrize("n_validation", [0, 6])
+def test_there_must_be_items_to_hold_out_and_to_train_on(n_validation):
+    with pytest.raises(InputError, match="n_validation must be"):
+        PlaneData(RECIPE, "unused", n_fields=6, n_validation=n_validation)
+
+
 def test_features_pictures_and_what_is_missing_are_cropped_and_turned_alike(folder):
-    batch = Crops(sorted(folder.glob("*.safetensors")), 16, 3)[(0, 3)]
+    batch = PlaneCrops(sorted(folder.glob("*.safetensors")), 16, 3)[0, 3, 0]
     assert batch["pictures"].shape == (1, 3, 16, 16)
     assert batch["where"] == ["000001.safetensors, plane 1"]
     torch.testing.assert_close(batch["features"][:, :3], batch["pictures"], atol=1e-3, rtol=1e-3)
@@ -197,9 +198,9 @@ def test_features_pictures_and_what_is_missing_are_cropped_and_turned_alike(fold
 
 def test_crops_are_fixed_by_seed_epoch_and_item(folder):
     paths = sorted(folder.glob("*.safetensors"))
-    first = Crops(paths, 16, 3)[(0, 1)]["pictures"]
-    assert torch.equal(first, Crops(paths, 16, 3)[(0, 1)]["pictures"])
-    for other in (Crops(paths, 16, 4)[(0, 1)], Crops(paths, 16, 3)[(1, 1)]):
+    first = PlaneCrops(paths, 16, 3)[0, 1, 0]["pictures"]
+    assert torch.equal(first, PlaneCrops(paths, 16, 3)[0, 1, 0]["pictures"])
+    for other in (PlaneCrops(paths, 16, 4)[0, 1, 0], PlaneCrops(paths, 16, 3)[1, 1, 0]):
         assert not torch.equal(first, other["pictures"])
 
 
@@ -214,12 +215,12 @@ def test_crops_come_from_everywhere_and_stay_within(tmp_path):
     places = torch.cartesian_prod(torch.arange(5.0), torch.arange(6.0)).T.reshape(1, 2, 5, 6)
     pictures = torch.cat([places, places[:, :1]], 1)
     item = Item(pictures, pictures, pictures[:, :1], 0 * pictures, torch.zeros(1, dtype=torch.float64))
-    plane_sets.write(path := plane_sets.path_of(tmp_path, 0), item)
-    crops = Crops([path], 4, 0)
-    corners = {tuple(crops[(epoch, 0)]["pictures"][0, :2].amin((1, 2)).tolist()) for epoch in range(100)}
+    planes.write(path := tmp_path / "000000.safetensors", item)
+    crops = PlaneCrops([path], 4, 0)
+    corners = {tuple(crops[epoch, 0, 0]["pictures"][0, :2].amin((1, 2)).tolist()) for epoch in range(100)}
     assert corners == {(row, column) for row in (0.0, 1.0) for column in (0.0, 1.0, 2.0)}
     with pytest.raises(InputError, match="at most as large as the planes, 5x6; got 6"):
-        Crops([path], 6, 0)
+        PlaneCrops([path], 6, 0)
 
 
 def test_the_first_items_are_held_out_whole(folder):
@@ -241,15 +242,3 @@ def test_an_epoch_has_every_plane_once_in_batches_of_several_items(folder):
     assert set(drawn) == {f"{index:06d}.safetensors, plane {plane}" for index in range(2, 6) for plane in range(2)}
     assert len(drawn) == 8
     assert all(len({place.partition(",")[0] for place in batch["where"]}) > 2 for batch in batches)
-
-
-def test_fewer_fields_than_asked_for_are_told(folder):
-    for options in ({"n_fields": 9}, {"n_validation": 6}):
-        with pytest.raises(InputError, match="lfref prepare"):
-            data(folder, **options)
-
-
-@pytest.mark.parametrize("option", [{"crop": 0}, {"n_validation": 0}, {"planes_per_batch": 0}])
-def test_numbers_that_are_too_small_are_refused(option):
-    with pytest.raises(InputError, match="at least 1"):
-        PlaneData(RECIPE, "unused", **option)

@@ -1,15 +1,14 @@
 """Sets of planes for training: classical pictures with their features, and the truth.
 
-Drawing a scene costs more than a step of training, so a set is made once. The recipe and its number determine an item:
-an interrupted set can be continued, and processes share the work. `PlaneData` draws crops of a set for training, and
-whole planes for validation.
+Drawing a scene costs more than a step of training, so a set is made once, into the cache. The recipe and its number
+determine an item. `PlaneData` draws crops of a set for training, and whole planes for validation.
 Letters: `N` planes, `B` planes of a batch, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
-import contextlib
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
@@ -17,20 +16,21 @@ from typing import Any, NamedTuple, TypedDict
 import numpy as np
 import torch
 from lightning.pytorch import LightningDataModule
-from safetensors import SafetensorError, safe_open
+from rich.progress import track
+from safetensors import safe_open
 from safetensors.torch import save
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from lfref.captures.correct import AUTO, correct_by_option
 from lfref.data.cache import EVEN_GRID
-from lfref.data.loaders import BY_DEVICE, epoch_loader, number_of_workers
-from lfref.errors import FileError, InputError, counted
+from lfref.data.crops import EpochLoader, EpochSampler, epoch_loader
+from lfref.errors import InputError
 from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
 from lfref.nets.refiner import Refiner
-from lfref.refocuser.features import FEATURES, FORMER_NAMES, RefinerInputs, check_names, refiner_inputs
+from lfref.refocuser.features import FEATURES, RefinerInputs, check_names, refiner_inputs
 from lfref.refocuser.networks import refiner_entry
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.effects.sensor import Sensor
@@ -190,56 +190,22 @@ def _slopes(recipe: Recipe, disparity: Tensor, random: np.random.Generator) -> t
     return tuple(np.where(is_whole, slopes.round(), slopes).tolist())
 
 
-def folder_of(recipe: Recipe, cache_folder: Path) -> Path:
-    """Folder of a set."""
-    return cache_folder / "planes" / recipe.key()[:16]
-
-
-def path_of(folder: Path, index: int) -> Path:
-    """File of an item."""
-    return folder / f"{index:06d}{SUFFIX}"
-
-
-def prepare(recipe: Recipe, folder: Path, index: int) -> None:
-    """Make an item, and store it in the folder of its set."""
-    write(path_of(folder, index), make(recipe, index))
-
-
 def write(path: Path, item: Item) -> None:
     """Store an item in half precision, and add the rounding error of the pictures to `missing`."""
-    kept = item.pictures.half()
-    missing = item.pictures + item.missing - kept.float()
-    parts = item._replace(pictures=kept, missing=missing)._asdict()
+    half = item.pictures.half()
+    missing = item.pictures + item.missing - half.float()
+    parts = item._replace(pictures=half, missing=missing)._asdict()
     tensors = {name: (part if name == "slopes" else part.half()).cpu().contiguous() for name, part in parts.items()}
     with atomic.replacing(path) as partial:
         partial.write_bytes(save(tensors))
 
 
-def shape(path: Path) -> tuple[int, int, int]:
-    """Number of planes, height and width in a file that `write` wrote."""
-    with _opened(path) as file:
-        n_planes, _, height, width = file.get_slice("pictures").get_shape()
-        return n_planes, height, width
-
-
 def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), columns: slice = slice(None)) -> Item:
     """Read these planes, rows and columns of an item; images stay in half precision."""
-    with _opened(path) as file:
+    with safe_open(path, framework="pt", device="cpu") as file:
         slopes = file.get_tensor("slopes")[planes]
-        names = [name for name in file.keys() if name != "slopes"]  # noqa: SIM118  it is no mapping
-        # Sets of earlier versions have other names.
-        images = {FORMER_NAMES.get(name, name): file.get_slice(name)[planes, :, rows, columns] for name in names}
-        return Item(**images, slopes=slopes)
-
-
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    try:
-        with safe_open(path, framework="pt", device="cpu") as file:
-            yield file
-    except (SafetensorError, OSError, ValueError, TypeError) as error:  # TypeError: other tensors than an item's
-        expected, remedy = f"{path} must be planes that lfref prepare wrote", "delete it, and prepare again"
-        raise FileError(expected, got=error, remedy=remedy) from error
+        names = [name for name in Item._fields if name != "slopes"]
+        return Item(**{name: file.get_slice(name)[planes, :, rows, columns] for name in names}, slopes=slopes)
 
 
 class PlaneBatch(TypedDict):
@@ -259,7 +225,7 @@ class PlaneBatch(TypedDict):
     """Always 0: crops of planes are never drawn again, unlike patches of light fields."""
 
 
-class Crops(Dataset[PlaneBatch]):
+class PlaneCrops(Dataset[PlaneBatch]):
     """Random crops in random orientations, one plane per entry, repeatable by (seed, epoch, place).
 
     Planes of one light field have similar errors, so a batch mixes planes of many light fields. All items must have the
@@ -267,10 +233,8 @@ class Crops(Dataset[PlaneBatch]):
     """
 
     def __init__(self, paths: Sequence[Path], crop: int, seed: int) -> None:
-        self.paths = paths
-        self.crop = crop
-        self.seed = seed
-        self.n_planes, *self.size = shape(paths[0])
+        self.paths, self.crop, self.seed = paths, crop, seed
+        self.n_planes, _, *self.size = read(paths[0]).pictures.shape
         if crop > min(self.size):
             size = "x".join(map(str, self.size))
             raise InputError(f"crops must be at most as large as the planes, {size}", got=crop)
@@ -278,8 +242,8 @@ class Crops(Dataset[PlaneBatch]):
     def __len__(self) -> int:
         return len(self.paths) * self.n_planes
 
-    def __getitem__(self, key: tuple[int, int]) -> PlaneBatch:
-        epoch, place = key
+    def __getitem__(self, key: tuple[int, ...]) -> PlaneBatch:
+        epoch, place, _ = key
         path, plane = self.paths[place // self.n_planes], place % self.n_planes
         random = np.random.default_rng((self.seed, epoch, place))
         firsts = (int(random.integers(length - self.crop + 1)) for length in self.size)
@@ -289,7 +253,7 @@ class Crops(Dataset[PlaneBatch]):
         return _batch(images.split([part.shape[1] for part in parts], 1), [f"{path.name}, plane {plane}"])
 
 
-class Wholes(Dataset[PlaneBatch]):
+class WholePlanes(Dataset[PlaneBatch]):
     """All planes of an item, not cropped."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -298,7 +262,7 @@ class Wholes(Dataset[PlaneBatch]):
     def __len__(self) -> int:
         return len(self.paths)
 
-    def __getitem__(self, key: tuple[int, int]) -> PlaneBatch:
+    def __getitem__(self, key: tuple[int, ...]) -> PlaneBatch:
         path = self.paths[key[1]]
         parts = [part.float() for part in read(path)[:-1]]
         return _batch(parts, [f"{path.name}, plane {plane}" for plane in range(len(parts[0]))])
@@ -324,18 +288,31 @@ def together(items: Sequence[PlaneBatch]) -> PlaneBatch:
     return _batch(parts, [place for item in items for place in item["where"]])
 
 
+class Missing(Dataset[str]):
+    """Items of a set that are made when they are asked for."""
+
+    def __init__(self, recipe: Recipe, paths: Sequence[Path]) -> None:
+        self.recipe, self.paths = recipe, paths
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def __getitem__(self, place: int) -> str:
+        write(self.paths[place], make(self.recipe, int(self.paths[place].stem)))
+        return self.paths[place].name
+
+
 class PlaneData(LightningDataModule):
-    """Crops of the planes that `lfref prepare` wrote.
+    """Crops of the planes of a set, whose missing items are made before the training.
 
     Args:
         recipe: Recipe of the set.
-        cache_folder: Folder of all sets.
-        folder: Folder of the set; None: the recipe's folder in the cache.
-        n_fields: Number of light fields to use, from the start of the set; None: all.
+        cache_folder: Folder of all sets, in which this one has the name of its recipe's key.
+        n_fields: Number of light fields.
         n_validation: Number of held-out light fields, from the start of the set.
         crop: Height and width of training crops in pixels.
         planes_per_batch: Crops per batch, from any light fields.
-        workers: Threads that prepare batches; 0: the training itself; `auto`: as `loaders.number_of_workers` says.
+        workers: Processes that prepare batches; 0: the training itself; `auto`: as `crops.epoch_loader` says.
         seed: Seed of order and crops.
     """
 
@@ -343,42 +320,42 @@ class PlaneData(LightningDataModule):
         self,
         recipe: Recipe,
         cache_folder: str,
-        folder: str | None = None,
-        n_fields: int | None = None,
+        n_fields: int = 800,
         n_validation: int = 40,
         crop: int = 96,
         planes_per_batch: int = 24,
-        workers: int | str = BY_DEVICE,
+        workers: int | str = "auto",
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if min(n_validation, crop, planes_per_batch) < 1 or seed < 0:
-            got = f"{n_validation}, {crop}, {planes_per_batch} and {seed}"
-            raise InputError("n_validation, crop and planes_per_batch must be at least 1, seed at least 0", got=got)
-        self.folder = folder_of(recipe, Path(cache_folder).expanduser()) if folder is None else Path(folder)
-        self.n_fields = n_fields
-        self.n_validation = n_validation
-        self.crop = crop
-        self.planes_per_batch = planes_per_batch
-        number_of_workers(workers, None)  # refuses what is no number of them
-        self.workers = workers
-        self.seed = seed
+        if not 0 < n_validation < n_fields:
+            raise InputError("n_validation must be from 1 to less than n_fields", got=(n_validation, n_fields))
+        self.recipe = recipe
+        self.folder = Path(cache_folder).expanduser() / "planes" / recipe.key()[:16]
+        paths = [self.folder / f"{index:06d}{SUFFIX}" for index in range(n_fields)]
+        self.held, self.trained = paths[:n_validation], paths[n_validation:]
+        self.crop, self.planes_per_batch, self.workers, self.seed = crop, planes_per_batch, workers, seed
 
-    def setup(self, stage: str) -> None:
-        """List the items; Lightning calls this in every process."""
-        paths = sorted(self.folder.glob(f"*{SUFFIX}"))[: self.n_fields]
-        if len(paths) <= self.n_validation or (self.n_fields or 0) > len(paths):
-            least = max(self.n_fields or 0, self.n_validation + 1)
-            expected = f"{self.folder} must hold {counted(least, 'light field')}, {self.n_validation} of them held out"
-            remedy = "make more by lfref prepare with the same recipe, or hold out fewer by data.n_validation"
-            raise InputError(expected, got=len(paths), remedy=remedy)
-        self.held, self.trained = paths[: self.n_validation], paths[self.n_validation :]
+    def prepare_data(self) -> None:
+        """Make the missing items in as many processes as there are cores. Lightning calls this in one process."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        missing = [path for path in (*self.held, *self.trained) if not path.is_file()]
+        makers = DataLoader(
+            Missing(self.recipe, missing), None, num_workers=os.cpu_count() or 1, worker_init_fn=_one_thread
+        )
+        for _ in track(makers if missing else (), "making planes", len(missing)):
+            pass
 
-    def train_dataloader(self) -> DataLoader[PlaneBatch]:
+    def train_dataloader(self) -> EpochLoader:
         """Crops in a new order and at new places each epoch."""
-        crops = Crops(self.trained, self.crop, self.seed)
-        return epoch_loader(self, crops, self.seed, self.planes_per_batch, together, self.workers)
+        crops = PlaneCrops(self.trained, self.crop, self.seed)
+        sampler = EpochSampler(len(crops), self.seed)
+        return epoch_loader(self, crops, sampler, self.planes_per_batch, together, self.workers)
 
-    def val_dataloader(self) -> DataLoader[PlaneBatch]:
+    def val_dataloader(self) -> EpochLoader:
         """The planes of each held-out item as a whole."""
-        return epoch_loader(self, Wholes(self.held), None, 1, together, self.workers)
+        return epoch_loader(self, WholePlanes(self.held), EpochSampler(len(self.held), None), 1, together, self.workers)
+
+
+def _one_thread(worker: int) -> None:
+    torch.set_num_threads(1)

@@ -1,0 +1,69 @@
+"""Who makes labels for given focal planes: a refocusing operator, or a photograph of the scene.
+
+Crops are cut with a margin, so that a local operator (shift-and-sum) labels a patch exactly as it labels the whole
+field. A Fourier slice depends on every pixel of its input, so its patch labels differ from those of the whole field by
+ringing from the border of the crop; `docs/refocusing.md` states by how much.
+"""
+
+import abc
+import math
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from lfref import geometry
+from lfref.geometry import FocalPlanes
+from lfref.lightfield import LightField
+from lfref.refocus import footprint
+from lfref.refocuser.refocuser import Refocuser
+
+
+class Labels(abc.ABC):
+    """Source of the refocused stack that a network should learn."""
+
+    name: str
+    """Name of the labels in tables and legends."""
+    planes: FocalPlanes
+    """The planes of a label."""
+
+    @abc.abstractmethod
+    def margin(self, grid: tuple[int, int]) -> int:
+        """Pixels around a patch that its label depends on, for (V, U) view rows and columns."""
+
+    @abc.abstractmethod
+    def __call__(self, light: LightField) -> Tensor:
+        """The label of a light field, [N, C, H, W], on its device."""
+
+
+@dataclass(frozen=True)
+class OperatorLabels(Labels):
+    """Labels made by a refocuser, named after it."""
+
+    refocuser: Refocuser
+    planes: FocalPlanes
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Name of the labels in tables and legends."""
+        return self.refocuser.name
+
+    def margin(self, grid: tuple[int, int]) -> int:
+        """Sum, in pixels, of the outermost view's shift, one pixel for interpolation, and the blur of a view's cell."""
+        slopes = self.planes.slopes
+        return math.ceil(geometry.corner_shift(slopes, grid)) + 1 + footprint.radius(self.refocuser.cell_width(slopes))
+
+    def __call__(self, light: LightField) -> Tensor:
+        """The refocuser's stack, with weighted samples."""
+        return self.refocuser(light, self.planes.slopes)
+
+
+@dataclass(frozen=True)
+class RenderedLabels:
+    """Labels that are photographs of simulated scenes through the whole aperture; the data hold them already."""
+
+    name: str
+    planes: FocalPlanes
+
+    def margin(self, grid: tuple[int, int]) -> int:
+        """0, since a label is cut from the photograph of the whole field."""
+        return 0

@@ -1,0 +1,172 @@
+"""Run folders, runs that go on, and sweeps."""
+
+import shutil
+
+import pytest
+import torch
+import yaml
+
+from lfref.cli import loggers
+from lfref.cli.main import resumed
+from lfref.errors import FileError, InputError
+from lfref.io.run import Run, write_overrides
+from lfref.report.tables import read_table
+from lfref.train.modules import Refocusing
+from tests.cli import wandb_files
+from tests.cli.conftest import TINY
+
+SCENE = ("simulate", "scene=plane", "scene.camera.size=[24,24]", "scene.camera.grid=[3,3]")
+QUIET = ("callbacks.progress=null", "callbacks.summary=null", "callbacks.pictures=null", "trainer.log_every_n_steps=1")
+TRAIN = ("train", *TINY, *QUIET)
+
+
+def epochs(run):
+    """Epochs whose validation a run has logged."""
+    return [row["epoch"] for row in Run(run).metrics if row["val/mpsnr"] is not None]
+
+
+def last(run):
+    return torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)
+
+
+# Folders.
+
+
+def test_a_folder_that_has_files_is_refused_and_overwriting_deletes_nothing(lfref, tmp_path):
+    out = tmp_path / "out"
+    assert lfref(*SCENE, "outputs=[disparity]", f"output={out}")[0] == 0
+    (out / "notes.txt").write_text("mine")
+    status, error = lfref(*SCENE, "outputs=[views]", f"output={out}")
+    assert status == 1
+    assert error.startswith("lfref simulate: output must be a new or an empty folder")
+    assert lfref(*SCENE, "outputs=[views,disparity]", f"output={out}", "overwrite=true")[0] == 0
+    assert {"plane", "plane_disparity.exr", "notes.txt"} <= {path.name for path in out.iterdir()}
+    assert (out / "notes.txt").read_text() == "mine"
+
+
+def test_a_command_that_failed_before_its_results_leaves_a_free_folder(lfref, tmp_path):
+    assert lfref(*SCENE, "outputs=[nonsense]", f"output={tmp_path}/out")[0] == 1
+    assert lfref(*SCENE, "outputs=[views]", f"output={tmp_path}/out")[0] == 0
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "config.txt").touch()
+    assert lfref(*SCENE, f"output={tmp_path}/mine")[0] == 1
+
+
+# Runs that go on.
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run as far as its command line goes."""
+    folder = tmp_path / "it's a run"
+    (folder / "checkpoints").mkdir(parents=True)
+    (folder / "config.yaml").write_text("{}")
+    (folder / "checkpoints" / "last.ckpt").touch()
+    write_overrides(folder, ["output=old", "net=refnet_small", "+a.b=1", "scheduler=cosine", "~callbacks.best"])
+    return folder
+
+
+def test_resume_becomes_the_overrides_of_the_run_and_those_that_are_given_anew(run):
+    folder = str(run).replace("'", "\\'")
+    line = resumed([f"resume='{folder}'", "scheduler=constant", "++a.b=2"])
+    new = ["scheduler=constant", "++a.b=2"]
+    assert line == ["net=refnet_small", "~callbacks.best", f"output='{folder}'", *new, f"resume='{folder}'"]
+    auto = resumed(["resume=auto", f"output='{folder}'", "scheduler=constant"])
+    assert auto == ["net=refnet_small", "+a.b=1", "~callbacks.best", *auto[3:5], "scheduler=constant", auto[-1]]
+
+
+def test_a_line_that_resumes_nothing_stays_as_it_is():
+    assert resumed(["experiment=demo", "resume=null"]) == ["experiment=demo", "resume=null"]
+    assert resumed(["resume=auto", "output=none", "seed=1"]) == ["output=none", "seed=1"]
+
+
+def test_what_cannot_be_resumed_is_one_clear_error(tmp_path):
+    with pytest.raises(InputError, match="add output=RUN"):
+        resumed(["resume=auto", "experiment=demo"])
+    with pytest.raises(FileError, match="must be a run folder"):
+        resumed([f"resume={tmp_path}"])
+
+
+def test_a_run_that_was_moved_goes_on_as_it_was_set_up(lfref, tmp_path):
+    words = ("label=fourier_slice", "loss.weights.beta=0.2", "scheduler=cosine", "trainer.max_epochs=2")
+    assert lfref(*TRAIN, *words, f"output={tmp_path}/run")[0] == 0
+    moved = shutil.move(tmp_path / "run", tmp_path / "moved")
+    first, best = Run(moved).metrics, Run(moved).training["best_value"]
+    status, error = lfref("train", f"resume={moved}", "trainer.max_epochs=3", "optimizer.lr=0.5")
+    assert status == 0, error
+    assert Run(moved).config["loss"]["weights"]["beta"] == 0.2
+    assert Run(moved).metrics[: len(first)] == first
+    assert epochs(moved) == [0, 1, 2]
+    # The third of three epochs of a cosine, at the rate that was set anew.
+    assert last(moved)["lr_schedulers"][0]["base_lrs"] == [0.5, 0.025]
+    assert last(moved)["lr_schedulers"][0]["T_max"] == 3
+    assert Run(moved).training["best_value"] >= best
+    assert Run(moved).is_finished
+
+
+def test_one_command_begins_a_run_and_goes_on_with_it(lfref, tmp_path):
+    words = (*TRAIN, f"output={tmp_path}/run", "resume=auto")
+    for n_epochs in (1, 2, 2):
+        status, error = lfref(*words, f"trainer.max_epochs={n_epochs}")
+        assert status == 0, error
+    assert epochs(tmp_path / "run") == [0, 1]
+    assert lfref(*TRAIN, f"output={tmp_path}/run")[0] == 1
+
+
+def test_steps_that_were_trained_twice_are_logged_once(tmp_path):
+    log = tmp_path / "log" / "metrics.csv"
+    log.parent.mkdir()
+    log.write_text("step,loss\n1,9\n2,8\n3,7\n4,\n2,6\n3,5\n3,4\n4,3\n5")
+    rows = [(row["step"], row["loss"]) for row in Run(tmp_path).metrics]
+    assert rows == [(1, 9), (2, 8), (2, 6), (3, 5), (3, 4), (4, 3)]
+
+
+# Sweeps.
+
+
+def test_a_sweep_skips_what_is_finished_names_what_failed_and_refuses_other_jobs(lfref, tmp_path, fits, monkeypatch):
+    def fail(self):
+        if self.trainer.optimizers[0].param_groups[0]["lr"] == 0.02:
+            raise InputError("of this test")
+
+    monkeypatch.setattr(Refocusing, "on_train_epoch_start", fail)
+    words = (*TRAIN, "--multirun", f"output={tmp_path}/sweep", "optimizer.lr=0.01,0.02,0.03", "trainer.max_epochs=1")
+    status, error = lfref(*words)
+    assert status == 1
+    assert "of this test" in error
+    assert [rate for rate, _ in fits] == [0.01, 0.02, 0.03]
+    monkeypatch.setattr(Refocusing, "on_train_epoch_start", lambda self: None)
+    fits.clear()
+    assert lfref(*words)[0] == 0
+    assert [rate for rate, _ in fits] == [0.02]
+    assert all(Run(tmp_path / "sweep" / name).is_finished for name in "012")
+    assert lfref(*words[:-2], "optimizer.lr=0.05,0.06,0.07", words[-1])[0] == 1
+    assert [rate for rate, _ in fits] == [0.02]
+    assert lfref("report", tmp_path / "sweep", f"output={tmp_path}/page")[0] == 0
+    assert read_table(tmp_path / "page" / "sweep.csv")["optimizer.lr"].tolist() == [0.01, 0.02, 0.03]
+
+
+@pytest.mark.slow
+def test_a_job_is_a_run_of_its_sweep_in_wandb_and_a_resumed_one_goes_on_in_it(lfref, tmp_path):
+    wandb = ("logger=wandb", "logger.wandb.offline=true")
+    words = (*TRAIN, *wandb, "trainer.max_epochs=1", "net.activation=relu,elu", f"output={tmp_path}/my_sweep")
+    assert lfref("train", "--multirun", *words[1:])[0] == 0
+    runs = []
+    for number in range(2):
+        (file,) = wandb_files.offline_files(tmp_path / "my_sweep" / str(number))
+        runs.append(wandb_files.run_of(file))
+        assert (runs[-1].run_group, runs[-1].job_type, runs[-1].project) == ("my_sweep", "train", "lfref")
+        assert runs[-1].run_id == (tmp_path / "my_sweep" / str(number) / loggers.ID).read_text().strip()
+        assert wandb_files.config_of(file)["code"] == loggers.code()
+    assert runs[0].run_id != runs[1].run_id
+    assert "net.activation=elu" in runs[1].display_name
+    assert lfref("train", f"resume={tmp_path}/my_sweep/0", "trainer.max_epochs=2", *wandb)[0] == 0
+    _, after = wandb_files.offline_files(tmp_path / "my_sweep" / "0")
+    assert wandb_files.run_of(after).run_id == runs[0].run_id
+
+
+def test_the_configuration_of_a_run_is_resolved(lfref, tmp_path):
+    assert lfref(*SCENE, "outputs=[disparity]", f"output={tmp_path}/out")[0] == 0
+    text = (tmp_path / "out" / "config.yaml").read_text()
+    assert "${" not in text
+    assert yaml.safe_load(text)["outputs"] == ["disparity"]
