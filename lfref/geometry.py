@@ -246,9 +246,7 @@ def even_planes(n: int = 16, first: float = -1.0, last: float = 1.0) -> FocalPla
 
 
 def planes_from(plain: Mapping[str, Any]) -> FocalPlanes:
-    """Planes from plain containers: `slopes` and `convention`, or `alphas` and `convention` in files of lfref 0.1."""
-    if "alphas" in plain and "slopes" not in plain:
-        return planes_at_alphas(plain["alphas"], plain.get("convention", "ng"))
+    """Planes from the plain containers of `FocalPlanes.as_dict`."""
     return FocalPlanes(plain.get("slopes", ()), plain.get("convention"))
 
 

@@ -128,9 +128,9 @@ def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
     exact_db = interior_psnr(exact, truth)
 
     # Sampling: by points of the aperture, by pixels, between pixels, at the border.
-    layers, n_views = painting.paint(scene, device, float(slopes.abs().max())), max(scene.camera.grid)
+    layers, n_views = painting.paint(scene, float(slopes.abs().max())), max(scene.camera.grid)
     pictures = [through_points(layers, scene.camera, slope, n_views) for slope in slopes.tolist()]
-    points = torch.stack(pictures)
+    points = torch.stack(pictures).to(device)
     points_db = interior_psnr(points, truth)
     without_points_db = interior_psnr(exact - (points - truth), truth)
     yield Condition("points", ideal, EXACT, without_points_db, slopes, margin, points_db)
@@ -172,7 +172,7 @@ def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_poin
     for share in shares:
         p = shares[torch.hypot(shares, share) <= 0.5] if camera.aperture == "disc" else shares
         pictures = render.render(layers, camera, p * camera.grid[1], share[None] * camera.grid[0], slope)
-        total, count = total.to(pictures.device) + pictures[0].double().sum(0), count + len(p)
+        total, count = total + pictures[0].double().sum(0), count + len(p)
     return (total / count).float()
 
 

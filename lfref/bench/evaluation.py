@@ -94,11 +94,11 @@ class EvaluationCase:
 
 def ideal_case(scene: Scene, slopes: Tensor, device: torch.device) -> EvaluationCase:
     """Views and truth of a scene without its sensor, the truth at these slopes [N]."""
-    simulated = simulate(replace(scene, sensor=Sensor()), slopes=slopes, device=device)
+    simulated = simulate(replace(scene, sensor=Sensor()), slopes=slopes)
     assert simulated.views is not None
     assert simulated.truth is not None
     light, aperture = LightField(simulated.views, scene.name), APERTURES[scene.camera.aperture]
-    return EvaluationCase(IDEAL, light, simulated.truth, TRUTH, aperture)
+    return EvaluationCase(IDEAL, light.to(device), simulated.truth.to(device), TRUTH, aperture)
 
 
 def scene_cases(
@@ -112,7 +112,7 @@ def scene_cases(
     Args:
         scenes: Scenes of any grid and size.
         slopes: Slopes in pixels per view step, [N].
-        device: Device for rendering.
+        device: Where views and truth go.
         correction: One of `CORRECTIONS`.
     """
     for scene in scenes:
@@ -120,9 +120,9 @@ def scene_cases(
         yield ideal
         if scene.sensor == Sensor():
             continue
-        views, encoding = simulate(scene, outputs=("views",), slopes=[0.0], device=device).views, scene.sensor.encoding
+        views, encoding = simulate(scene, outputs=("views",), slopes=[0.0]).views, scene.sensor.encoding
         assert views is not None
-        light = LightField(encoding.decode(views), scene.name)
+        light = LightField(encoding.decode(views), scene.name).to(device)
         truth = encoding.decode(developed(ideal.reference, scene.sensor))
         case = EvaluationCase(SENSOR, light, truth, TRUTH, ideal.aperture, encoding)
         yield case
@@ -142,7 +142,7 @@ def wide_cases(scenes: Iterable[Scene], device: torch.device) -> Iterator[Evalua
 
     Args:
         scenes: Of any grid and size, without a sensor.
-        device: For rendering.
+        device: Where views and truth go.
     """
     for scene in scenes:
         ends = [end for surface in scene.surfaces for end in surface.geometry.disparity_range(scene.camera.size)]

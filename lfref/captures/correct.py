@@ -4,23 +4,20 @@
 in the light field that the corrections before it return.
 """
 
-import bz2
 import dataclasses
 import math
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
 
 from lfref.captures import black_views, brightness, chromatic, hot_pixels, registration, view_order, vignetting
 from lfref.captures.registration import Registration
 from lfref.errors import FileError, InputError
-from lfref.functional import memory, noise_line
+from lfref.functional import noise_line
 from lfref.io import tensor_files
 from lfref.lightfield import LightField
 from lfref.refocus import batches
@@ -34,15 +31,9 @@ SMALLEST = 32
 TEXTURE, LEAST_TEXTURED = 0.01, 0.1
 """Difference of the root of light of neighbours in a texture, and part of the picture with textures from which views
 that do not fit together cannot be compared in brightness."""
-FORMAT = "lfref corrections 3"
-FORMATS = "lfref corrections 1", "lfref corrections 2", FORMAT
-"""Formats that are read; the first one held tensors as they are, up to 60 MB of them, the second one gains to 1e-4."""
-FORMER_FIELDS = {
-    "hot_pixels": {"places": "samples"},
-    "spacing": {"found": "estimate"},
-    "vignetting": {"known": "is_known"},
-}
-"""Names of fields in files that earlier versions saved."""
+FORMAT = "lfref corrections 4"
+LARGE = 1 << 12
+"""Values from which a floating-point tensor, gains of samples, is saved in half precision."""
 AUTO, NONE = "auto", "none"
 
 
@@ -197,7 +188,7 @@ class Corrections:
             FileError: The file cannot be written.
         """
         values = {
-            defect.name: {field.name: packed(getattr(defect, field.name)) for field in dataclasses.fields(defect)}  # type: ignore[arg-type]
+            defect.name: {field.name: _kept(getattr(defect, field.name)) for field in dataclasses.fields(defect)}  # type: ignore[arg-type]
             for defect in self.defects
             if defect.reason_to_skip() is None
         }
@@ -301,7 +292,6 @@ def estimate_and_correct(
         defects.append(defect)
         if defect.reason_to_skip() is not None:
             return False
-        memory.trim_for(field.views)
         corrected = defect.corrected(field)
         if in_place and corrected.views is not field.views and corrected.views.shape == field.views.shape:
             field.views.copy_(corrected.views)
@@ -393,7 +383,7 @@ def _shape(field: LightField) -> str:
 
 
 def load(path: str | Path) -> Corrections:
-    """Read a file that `Corrections.save` wrote, in this version or an earlier one.
+    """Read a file that `Corrections.save` wrote.
 
     Raises:
         FileError: The file is missing or damaged, or holds no corrections.
@@ -406,100 +396,25 @@ def load(path: str | Path) -> Corrections:
     except Exception as error:  # torch raises errors of many kinds for damaged archives
         got = "another kind of file, or a damaged or changed one"
         raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
-    if not isinstance(content, dict) or content.get("format") not in FORMATS:
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise FileError(f"{path} must hold corrections", got="another file", remedy=remedy)
     kinds = {kind.name: kind for kind in KINDS}
     try:
         defects = []
-        for name, fields in content["findings"].items():
-            current = FORMER_FIELDS.get(name, {})
-            values = {current.get(field, field): unpacked(value) for field, value in fields.items()}
-            defects.append(kinds[name](**values))
+        for name, values in content["findings"].items():
+            whole = {field: value.float() if _is_half(value) else value for field, value in values.items()}
+            defects.append(kinds[name](**whole))
         return Corrections(tuple(content["grid"]), tuple(content["size"]), tuple(defects))
-    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, OSError, EOFError, zlib.error) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         got = f"entries that cannot be read ({error})"
         raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
 
 
-# Tensors in files. Which samples are hot or black has long runs of equal values. Gains of a white picture are stored as
-# 2 sqrt(gain), in which the noise of light is the same at all gains, level by level: each level holds rounded means,
-# over blocks of pixels or over all views, of what the levels before it leave over. The last level is 0 but for sharp
-# dust and rims, since noise is less than half its step.
-
-LARGE = 1 << 12  # values from which a tensor is packed: smaller ones take kilobytes
-LEVELS = (False, 16, 6e-3), (False, 4, 3e-3), (False, 2, 6e-3), (True, 1, 1.5e-3), (False, 1, 14e-3)
-"""Whether a level is the mean of all views (lenslets), the side of its blocks in pixels, and its step in 2 sqrt(gain).
-Half the last step is 3.5 standard deviations of the noise that `vignetting.NOISE` allows; means have less noise, and
-their errors remain in refocused pictures."""
-LEAST_PACKED, MOST_PACKED = 0.01, 1e3  # gains that are kept: samples below 0.02 have no weight
-ZERO = 128  # added to the values of levels: small negative values then have the same upper byte as small positive ones
-MOST_VALUES = 1 << 31  # of a packed tensor: a damaged file may ask for any number
-FORMER_STEP = 2e-4  # of log(gain) in files of format 2 by earlier versions, which add a coarse map
+def _kept(value: Any) -> Any:
+    """A value of a file."""
+    is_large = isinstance(value, Tensor) and value.dtype == torch.float32 and value.numel() >= LARGE
+    return value.half() if is_large else value
 
 
-def packed(value: Any) -> Any:
-    """A value of a file: large tensors as compressed bytes, gains [V, U, C, H, W] as `LEVELS`, all others exactly."""
-    if not isinstance(value, Tensor) or value.numel() < LARGE or (value.is_floating_point() and value.ndim != 5):
-        return value
-    entry: dict[str, Any] = {"shape": tuple(value.shape), "type": str(value.dtype).removeprefix("torch.")}
-    if value.is_floating_point():
-        rest = value.flatten(0, 1).float().clamp(LEAST_PACKED, MOST_PACKED).sqrt_().mul_(2)
-        levels = []
-        for shape, step in _levels(value.shape):
-            means = rest.mean(0, keepdim=True) if shape[0] == 1 else rest
-            level = (_resized(means, shape, "area") / step).round_()
-            rest -= _resized(level * step, value.shape, "bilinear")
-            levels.append(level.short().flatten())
-        value = torch.cat(levels) + ZERO
-    else:
-        value = value.to(torch.uint8 if value.dtype == torch.bool else torch.int32)
-    # The bytes of one significance lie together: most of them are equal.
-    planes = value.contiguous().reshape(-1, 1).view(torch.uint8).T.contiguous()
-    entry["bytes"] = torch.frombuffer(bytearray(bz2.compress(planes.numpy())), dtype=torch.uint8)
-    return entry
-
-
-def unpacked(entry: Any) -> Any:
-    """The value that `packed`, of this version or an earlier one, turned into a value of a file."""
-    if not isinstance(entry, dict):
-        return entry
-    shape, count = entry["shape"], math.prod(entry["shape"])
-    if count > MOST_VALUES:
-        raise ValueError(f"{count} values")
-    content, dtype = entry["bytes"].numpy().tobytes(), getattr(torch, entry["type"])
-    is_former = not content.startswith(b"BZh")
-    if dtype.is_floating_point and not is_former:
-        levels = _levels(shape)
-        sizes = [math.prod(shape) for shape, _ in levels]
-        parts = _from_planes(content, sum(sizes), torch.int16).split(sizes)
-        root = torch.zeros(math.prod(shape[:2]), *shape[2:])
-        for part, (level, step) in zip(parts, levels, strict=True):
-            root += _resized((part.reshape(level) - ZERO) * step, shape, "bilinear")
-        return root.div_(2).square_().to(dtype).reshape(shape)
-    values = _from_planes(content, count, torch.uint8 if dtype == torch.bool else torch.int32)
-    if dtype.is_floating_point:
-        coarse = F.interpolate(entry["coarse"].float(), shape[-2:], mode="bicubic")
-        return (values.reshape(1, -1, *shape[-2:]) * FORMER_STEP + coarse).exp().reshape(shape)
-    return values.reshape(shape).to(dtype)
-
-
-def _levels(shape: Sequence[int]) -> list[tuple[tuple[int, int, int, int], float]]:
-    """Shape [views, C, H, W] and step of each level of gains [V, U, C, H, W]."""
-    n_rows, n_columns, n_channels, height, width = shape
-    return [
-        ((1 if is_mean else n_rows * n_columns, n_channels, -(-height // side), -(-width // side)), step)
-        for is_mean, side, step in LEVELS
-    ]
-
-
-def _resized(level: Tensor, shape: Sequence[int], mode: str) -> Tensor:
-    """A level with other numbers of rows and columns, those at the end of a shape."""
-    return level if level.shape[-2:] == tuple(shape[-2:]) else F.interpolate(level, tuple(shape[-2:]), mode=mode)
-
-
-def _from_planes(content: bytes, count: int, dtype: torch.dtype) -> Tensor:
-    """Values whose bytes were compressed significance by significance, by bz2 or, in earlier versions, by zlib."""
-    decompressor = bz2.BZ2Decompressor() if content.startswith(b"BZh") else zlib.decompressobj()
-    # No more is unpacked than the shape asks for, whatever a damaged file holds.
-    planes = torch.frombuffer(bytearray(decompressor.decompress(content, dtype.itemsize * count)), dtype=torch.uint8)
-    return planes.reshape(dtype.itemsize, count).T.contiguous().view(dtype).flatten()
+def _is_half(value: Any) -> bool:
+    return isinstance(value, Tensor) and value.dtype == torch.float16

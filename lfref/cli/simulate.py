@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from lfref.cli import config as configs
-from lfref.cli.command import command, device_of, log, progress
+from lfref.cli.command import command, log, progress
 from lfref.cli.steps import fixed_planes
 from lfref.encoding import LINEAR, SRGB
 from lfref.errors import InputError, counted
@@ -25,7 +25,7 @@ from lfref.simulator.simulate import simulate as simulated
 def simulate(config: DictConfig, folder: Path) -> None:
     """Write light fields `NAME`, and beside them `NAME_sheet.png` and `NAME_OUTPUT.exr` (linear) of other outputs."""
     n_fields, seed = int(configs.number(config, "n_fields", 1)), int(configs.number(config, "seed", 0))
-    device, outputs, suffix = device_of(config.device), configs.plain(config.outputs), str(config.suffix)
+    outputs, suffix = configs.plain(config.outputs), str(config.suffix)
     if not isinstance(outputs, list) or not all(isinstance(name, str) for name in outputs):
         raise InputError("outputs must be a list of names", got=outputs, remedy="write outputs=[views,truth]")
     if suffix not in write.SUFFIXES:
@@ -41,7 +41,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
             continue
         if not re.fullmatch(r"\w[\w.-]*", scene.name):
             raise InputError("a scene's name must be usable as the name of a file", got=repr(scene.name))
-        result = simulated(scene, 0, outputs, planes.slopes, config.force, device, config.explain)
+        result = simulated(scene, 0, outputs, planes.slopes, config.force, config.explain)
         _write(folder, scene, result, planes, suffix)
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(result.rows))

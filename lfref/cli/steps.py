@@ -25,7 +25,6 @@ from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
 from lfref.cli.command import log, paths, progress, stages
 from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
-from lfref.functional import memory
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic, images, memory_limit, view_folders
 from lfref.io import read as reader
@@ -168,7 +167,6 @@ def read_field(path: Path, config: DictConfig, refocusers: Iterable[Refocuser] =
             raise InputError(f"{network.name} reads {network.grid} views", got=error) from error
     if missing := field.metadata.get("missing"):
         log.info("%s: %s are missing and have weight 0", field.name, missing)
-    memory.release_for(field.views)
     return field
 
 
@@ -201,7 +199,6 @@ def process(fields: Mapping[str, Path], steps: Mapping[str, Step], what: str) ->
                 begin(stage)
                 with _memory_errors(name):
                     result = step(name, result)
-                memory.trim()
         return
     outcomes: Iterable[Outcome] = ((name, path, None) for name, path in fields.items())
     first, *between, last = steps.values() if len(steps) > 1 else (lambda _, path: path, *steps.values())
@@ -239,7 +236,6 @@ def _run_step(step: Step, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
             try:
                 with _memory_errors(name):
                     result = step(name, result)
-                memory.trim()
             except Exception as error:  # whatever it is, it is about this light field
                 result, failure = None, error
         yield name, result, failure

@@ -1,14 +1,12 @@
 """Inner loops compiled by Numba, without the interpreter's lock, so that plain threads can share the work (`share`).
 
 Machine code is kept for later runs. Numba itself notices changes in the file of a loop, but not in other files that the
-loop uses: a digest of all these files is the stamp of the machine code. The cache of light fields uses the same digest.
+loop uses: a digest of all these files is the stamp of the machine code.
 """
 
 import functools
 import hashlib
 import itertools
-import logging
-import pickle
 import re
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -17,8 +15,6 @@ from typing import Any
 
 import numba
 import torch
-
-log = logging.getLogger(__name__)
 
 LANES = 16
 """Number of values that loops process together: a register of 512 bits holds as many float32."""
@@ -69,72 +65,10 @@ def compiling(**options: object) -> Callable[[Callable], Callable]:
             return jit()(function)
         file = Path(function.__code__.co_filename).resolve()
         package = file.parents[max(function.__module__.count(".") - 1, 0)]
-        keep_safely(loop._cache._cache_file, digest(file, package))
+        loop._cache._cache_file._source_stamp = digest(file, package)
         return loop
 
     return decorate
-
-
-def keep_safely(kept: Any, stamp: str) -> None:
-    """Let Numba's cache of a loop survive damaged files and a full disk: the loop is then compiled anew.
-
-    Numba first writes an index, then the file of machine code that the index names; an older file may have the same
-    name. If a process ends between the two, or two processes write at once, the index names code of another version or
-    of other types. So each file also holds its stamp, its key and a digest; code that does not fit them is not used.
-
-    Args:
-        kept: The cache, `IndexDataCacheFile` of Numba.
-        stamp: Digest of the sources.
-    """
-    kept._source_stamp = stamp
-    load_index, load, save = kept._load_index, kept.load, kept.save
-
-    def load_whole_index() -> dict:
-        try:
-            return load_index()
-        # Numba reads the types of the arguments before the stamp: types of an earlier version may no longer exist.
-        except (AttributeError, ImportError):
-            return {}
-        except Exception as error:  # the unpickler raises any error
-            warn_once(f"machine code in {kept._cache_path} is damaged and is compiled anew ({error!r})")
-            return {}
-
-    def load_own(key: Any) -> Any:
-        try:
-            contents = load(key)
-            if contents is not None and contents[:2] == (stamp, key):
-                if hashlib.sha256(contents[3]).digest() != contents[2]:
-                    raise ValueError("its digest is another one")
-                return pickle.loads(contents[3])
-        except Exception as error:
-            warn_once(f"machine code in {kept._cache_path} is damaged and is compiled anew ({error!r})")
-        announce()
-        return None
-
-    def save_own(key: Any, data: Any) -> None:
-        code = kept._dump(data)
-        try:
-            save(key, (stamp, key, hashlib.sha256(code).digest(), code))
-        except OSError as error:
-            warn_once(f"machine code cannot be kept in {kept._cache_path} ({error.strerror}): each start compiles anew")
-
-    kept._load_index, kept.load, kept.save = load_whole_index, load_own, save_own
-
-
-@functools.cache
-def announce() -> None:
-    """Log, once, why the first run takes long."""
-    log.info("compiling loops for this processor: once, for some seconds")
-
-
-def warn_once(message: str) -> None:
-    """Log the first of all warnings: the files of other loops are most often in the same state."""
-    if not _warned:
-        _warned.append(message)
-        log.warning(message)
-
-
-_warned: list[str] = []
 
 
 compiled = compiling()

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from lfref import extras
 from lfref.errors import FileError, InputError, LfrefError, first_line
-from lfref.io import atomic, lengths, memory_limit
+from lfref.io import atomic, memory_limit
 from lfref.io.options import ReadOptions
 
 ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", "nhwc", "nchw", "hwcn")
@@ -142,7 +142,6 @@ def open_arrays(path: Path) -> Iterator[list[StoredArray]]:
             opener = next((opener for magic, opener in OPENERS.items() if head.startswith(magic)), None)
             if opener is None:
                 raise FileError(f"{path} must be an array", got="another kind of file", remedy="convert it")
-            lengths.check_length(path)
             with opener(path) as arrays:
                 yield arrays
     except LfrefError:

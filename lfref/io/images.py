@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError, counted, first_line, printable
-from lfref.io import atomic, lengths
+from lfref.io import atomic
 
 LIMIT_MB = 1024
 """Largest image to decode, in MiB of the file's own sample type; a 16-bit RGBA ESLF image has 305."""
@@ -139,7 +139,6 @@ def open_image(path: Path, is_alpha_apart: bool = True) -> Iterator[OpenImageIO.
             file.seek(max(0, path.stat().st_size - PNG_END_SEARCH))
             if PNG_END not in file.read():
                 raise _damaged(path, "a truncated PNG")
-    lengths.check_length(path)
     if path.as_posix() != printable(path.as_posix()):
         raise FileError(f"{path} must have a name in UTF-8", remedy="rename it")
     OpenImageIO.attribute("limits:imagesize_MB", LIMIT_MB)
@@ -340,10 +339,7 @@ def decoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:
     # A light field has millions of samples but few values: look them up.
     values = np.arange(np.iinfo(array.dtype).max + 1, dtype=array.dtype)
     table = encoding.decode(torch.from_numpy(to_float(values)).double()).float().numpy()
-    # Imported here: a compiler takes half a second to load, which a program that only writes need not spend.
-    from lfref.functional.lookup import look_up
-
-    return look_up(table, array)
+    return np.take(table, array)
 
 
 def encoded(array: NDArray, encoding: Encoding) -> NDArray[np.float32]:

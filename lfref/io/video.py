@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from lfref import extras
 from lfref.errors import FileError, InputError, counted, first_line
-from lfref.io import atomic, grid, images, lengths
+from lfref.io import atomic, grid, images
 from lfref.io.options import ReadOptions
 
 if TYPE_CHECKING:
@@ -55,7 +55,6 @@ def decode_film(path: Path, options: ReadOptions) -> NDArray[np.uint8]:
     if options.pattern not in (None, *STILL):
         expected = f"pattern (reader.pattern) of a film must be {' or '.join(STILL)}"
         raise InputError(expected, got=repr(options.pattern), remedy=f"{path} has no names of views")
-    lengths.check_length(path)
     sketches = [_sketch(frame) for frame in read_frames(path)]
     count = len(sketches)
     if count < 2:

@@ -21,8 +21,6 @@ from lfref.nets.refnet import RefNet
 NETWORKS: dict[str, type[Network]] = {RefNet.name: RefNet}
 """Networks of ours that checkpoints may hold, by name."""
 FORMAT = 2
-FORMATS = (1, FORMAT)
-"""Formats that can be read; format 1 kept alphas in place of slopes."""
 Module = TypeVar("Module", bound=nn.Module)
 PREFIX = "net."
 """Prefix of the weights in a checkpoint: training modules hold their network as `net`."""
@@ -99,7 +97,7 @@ def restored(
 ) -> tuple[Network, FocalPlanes]:
     """The network and planes of `restore`, from the contents that `read` returned; errors name `path`."""
     entry = contents["lfref"]
-    if entry.get("format") not in FORMATS:
+    if entry.get("format") != FORMAT:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
     try:
         arguments = dict(entry["network"])

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import memory, neighbours
+from lfref.functional import neighbours
 from lfref.geometry import Slopes
 from lfref.refocus import batches, block_filters, separable_wiener
 from lfref.refocus.disparity.disparity_map import coarse_disparity
@@ -89,10 +89,8 @@ def occlusion_aware_parts(
     stacks = []
     for typed, known_disparity in zip(batch, known, strict=True):
         field = batches.radiance(typed)
-        memory.trim_for(field)
         energies = disparity_layers.estimate_energies(field, separable_wiener.N_LAYERS, aperture)
         disparity = coarse_disparity(field) if known_disparity is None else known_disparity.to(field)
-        memory.trim_for(field)
         noise = separable_wiener.noise_share(field, aperture, energies)
         prior = separable_wiener.finer(energies)
         everywhere = separable_wiener.refocus_by_rows_and_columns(field, planes, prior, aperture, noise)
@@ -103,7 +101,6 @@ def occlusion_aware_parts(
             joint = wiener(field, planes, by_map, aperture)
             everywhere = everywhere + near * (joint - everywhere)
         blocks = block_filters.refocus_by_blocks(field, planes, disparity, prior, aperture, noise)
-        memory.trim_for(field)
         stack = everywhere + blocks.nearness * (blocks.stack - everywhere)
         stack = _median_at_whole_slopes(stack, everywhere, field, planes, aperture)
         if is_wide:

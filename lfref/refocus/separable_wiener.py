@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.functional import memory, noise_line
+from lfref.functional import noise_line
 from lfref.geometry import Slopes
 from lfref.lightfield import LightField
 from lfref.refocus import axis_filters, batches
@@ -79,7 +79,6 @@ def separable_wiener(
     for typed in batch:
         field = batches.radiance(typed)
         batches.check_finite(field)
-        memory.trim_for(field)
         if disparities is not None:
             known = geometry.checked_slopes(disparities, grid, size)
             prior = Energies(known, torch.full_like(known, 1 / len(known)))

@@ -26,7 +26,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.functional import fft_lengths, loops, memory
+from lfref.functional import fft_lengths, loops
 from lfref.functional.loops import LANES
 from lfref.geometry import Slopes
 from lfref.refocus import batches
@@ -78,7 +78,6 @@ def wiener(views: Tensor, slopes: Slopes, prior: Prior | None = None, weights: T
         table = batch.new_empty(len(planes), *_table_shape(grid[0] * grid[1], side, by_loop))
         for place, plane in zip(table, factors, strict=True):
             place.copy_(_lanes(plane) if by_loop else plane)
-        memory.trim_for(batch)
         stacks.append(_filtered(field.flatten(1, 2), opposites(grid), table, side, margin, by_loop))
     return batches.restored(torch.cat(stacks), views)
 

@@ -41,7 +41,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import memory, noise_line
+from lfref.functional import noise_line
 from lfref.functional.neighbours import binomial, box_max, box_mean
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
@@ -171,7 +171,6 @@ def refiner_inputs(
     if "local" in names:
         by_disparity = functools.partial(shift_and_sum, interpolation="cubic", fill=1.0, disparity=disparity)
         others["local"] = refocused(views, by_disparity)
-    memory.trim_for(views)
     sums, cells = refocused(views, PLAIN_SUM), refocused(views, shift_and_sum_through_cells)
     grey, grey_sums = views.mean(2, keepdim=True), sums.mean(1, keepdim=True)
     spread = (refocused(grey.square(), PLAIN_SUM) - grey_sums.square()).clamp(min=0).sqrt()

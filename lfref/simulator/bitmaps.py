@@ -85,13 +85,6 @@ class Bitmap:
     samples: Tensor  # [C, h, w]
     _blurred: dict[int, Tensor] = field(default_factory=dict)
 
-    def at(self, positions: Positions) -> Tensor:
-        """Values of the bitmap at points of the surface, by cubic look-ups, [M, C, H, W]."""
-        x, y = positions
-        i, j = x * OVERSAMPLING - self.canvas.left, y * OVERSAMPLING - self.canvas.top
-        read = cubic_on_grid if i.shape[-2] == j.shape[-1] == 1 else cubic_at
-        return read(self.samples, i, j)
-
     def window(self, size: tuple[int, int], margin: int = 0) -> Tensor:
         """The samples under the H x W pixels of the central view and a margin of pixels around it.
 
@@ -256,21 +249,6 @@ def _cubic_taps(position: Tensor, length: int) -> tuple[Tensor, Tensor]:
     return (first[..., None] + offsets).clamp(0, length - 1), weights
 
 
-def cubic_at(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
-    """A bitmap [C, h, w] at any positions, [M, H, W] each, float64; result [M, C, H, W]."""
-    n_channels, height, width = bitmap.shape
-    samples = bitmap.movedim(0, -1).reshape(-1, n_channels)
-    columns, across = _cubic_taps(i, width)
-    rows, down = _cubic_taps(j, height)
-    result = samples.new_zeros(*i.shape, n_channels)
-    for row in range(TAPS):
-        line = torch.zeros_like(result)
-        for column in range(TAPS):
-            line += samples[rows[..., row] * width + columns[..., column]] * across[..., column, None]
-        result += line * down[..., row, None]
-    return result.movedim(-1, -3)
-
-
 def cubic_on_grid(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
     """A bitmap [C, h, w] on grids of columns [M, 1, W] and rows [M, H, 1], axis by axis; result [M, C, H, W]."""
     rows, down = _cubic_taps(j[..., 0], bitmap.shape[-2])
@@ -283,19 +261,6 @@ def cubic_on_grid(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
     for tap in range(TAPS):
         result = result + lines.gather(-1, columns[:, None, :, tap].expand(shape)) * across[:, None, :, tap]
     return result.movedim(0, 1)
-
-
-def linear_at(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
-    """A bitmap [C, h, w] at any positions, [M, H, W] each, read linearly; result [M, C, H, W]."""
-    n_channels, height, width = bitmap.shape
-    samples = bitmap.movedim(0, -1).reshape(-1, n_channels)
-    i, j = i.clamp(0, width - 1), j.clamp(0, height - 1)
-    column, row = i.long().clamp(max=width - 2), j.long().clamp(max=height - 2)
-    across, down = ((at - whole).to(samples)[..., None] for at, whole in ((i, column), (j, row)))
-    first = row * width + column
-    upper = torch.lerp(samples[first], samples[first + 1], across)
-    lower = torch.lerp(samples[first + width], samples[first + width + 1], across)
-    return torch.lerp(upper, lower, down).movedim(-1, -3)
 
 
 def clip_premultiplied(rgba: Tensor) -> Tensor:

@@ -15,11 +15,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref.simulator import bitmaps
 from lfref.simulator.bitmaps import Bitmap, Positions
 from lfref.simulator.mattes import Full
 from lfref.simulator.scene import Camera, Surface
-from lfref.simulator.surfaces import Geometry, Plane
+from lfref.simulator.surfaces import Geometry
 
 
 class Highlight(NamedTuple):
@@ -70,44 +69,6 @@ class Layer:
     def device(self) -> torch.device:
         """The device of its bitmap."""
         return self.bitmap.samples.device
-
-    def rgba_at(self, p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
-        """The layer at pixels from aperture points, premultiplied RGBA, float32, [M, 4, H, W].
-
-        Args:
-            p: Columns of the aperture points, in view steps from the centre, [M].
-            q: Rows of the aperture points, [M].
-            x: Columns of pixels from the picture's centre, of a shape that broadcasts with [M, H, W].
-            y: Rows of pixels, of a shape that broadcasts with [M, H, W].
-        """
-        p, q, x, y = as_rays(p, q, x, y, self.device)
-        positions = ray_positions(self.surface.geometry, x, y, p, q)
-        rgba = bitmaps.clip_premultiplied(self.bitmap.at(positions))
-        if self.highlight:
-            rgba[:, :3] += rgba[:, 3:] * self.highlight.light_at(positions, p, q).to(rgba)
-        if self.reflection:
-            mirrored_at = ray_positions(Plane(self.reflection.disparity), x, y, p, q)
-            mirrored = self.reflection.picture.at(mirrored_at)[:, :3].clamp(min=0)
-            rgba[:, :3] += self.reflection.share * rgba[:, 3:] * mirrored
-        return rgba
-
-
-def as_rays(p: Tensor, q: Tensor, x: Tensor, y: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Aperture points [M] as [M, 1, 1], and pixels of three axes, float64, on a device."""
-    p, q, x, y = (value.to(device, torch.float64) for value in (p, q, x, y))
-    return p[:, None, None], q[:, None, None], x[(None,) * (3 - x.dim())], y[(None,) * (3 - y.dim())]
-
-
-def ray_positions(geometry: Geometry, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> Positions:
-    """Points (X, Y) where rays meet a surface; if it faces the camera, as a grid of columns and rows."""
-    shape = torch.broadcast_shapes(x.shape, y.shape, p.shape)
-    # One pixel is enough where disparity is the same everywhere; all pixels would undo the grid.
-    pixels = slice(1) if geometry.is_parallel else slice(None)
-    disparity = geometry.ray_disparity(x[..., pixels, pixels], y[..., pixels, pixels], p, q)
-    at_x, at_y = x - disparity * p, y - disparity * q
-    if at_x.shape[-2] == 1 and at_y.shape[-1] == 1:
-        return at_x.expand(shape[0], 1, shape[2]), at_y.expand(shape[0], shape[1], 1)
-    return at_x.expand(shape), at_y.expand(shape)
 
 
 def total_opacity(surface: Surface) -> float:

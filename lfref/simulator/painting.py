@@ -25,18 +25,17 @@ from lfref.simulator.surfaces import Geometry, Plane
 from lfref.simulator.textures import Flat
 
 
-def paint(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0) -> list[Layer]:
+def paint(scene: Scene, reach: float = 0.0) -> list[Layer]:
     """Layers of all visible surfaces from far to near (by their mean disparity), large enough for every aperture point.
 
     `reach` is the greatest |slope|, in pixels per view step, at which the layers will be refocused.
     """
-    painted: list[Layer] = planner.plan(passes(scene, device, reach), ["layers"]).run()["layers"]
+    painted: list[Layer] = planner.plan(passes(scene, reach), ["layers"]).run()["layers"]
     return painted
 
 
-def passes(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0, force: bool = False) -> list[Pass]:
+def passes(scene: Scene, reach: float = 0.0, force: bool = False) -> list[Pass]:
     """The passes that turn a scene into the result `layers`; with `force` each one changes all layers."""
-    device = torch.device(device)
     order, visible, crossing = far_to_near(scene), visible_surfaces(scene, reach), crossing_surfaces(scene, reach)
 
     def paint_colours(indices: Sequence[int]) -> list[Layer]:
@@ -101,13 +100,9 @@ def passes(scene: Scene, device: str | torch.device = "cpu", reach: float = 0.0,
         ),
         change(
             # Equal surfaces cross the same surfaces: identity is enough.
-            "sort by depth", "traced", "sorted", "no two surfaces cross",
+            "sort by depth", "traced", "layers", "no two surfaces cross",
             lambda surface: any(scene.surfaces[index] is surface for index in crossing),
             lambda layer: replace(layer, is_sorted=True),
-        ),
-        change(
-            "send", "sorted", "layers", "layers stay on the CPU",
-            lambda surface: device.type != "cpu", lambda layer: _sent(layer, device),
         ),
     ]  # fmt: skip
 
@@ -210,11 +205,3 @@ def _with_highlight(layer: Layer, scene: Scene) -> Layer:
     material = own if isinstance(own, Glossy) else Glossy(strength=0.0, drift=0.0)
     red, green, blue = (material.strength * light.gain * part for part in light.colour)
     return replace(layer, highlight=Highlight(red, green, blue, material.width, material.drift, *material.centre))
-
-
-def _sent(layer: Layer, device: torch.device) -> Layer:
-    def sent(bitmap: Bitmap) -> Bitmap:
-        return Bitmap(bitmap.canvas, bitmap.samples.to(device))
-
-    reflection = layer.reflection and layer.reflection._replace(picture=sent(layer.reflection.picture))
-    return replace(layer, bitmap=sent(layer.bitmap), reflection=reflection)

@@ -63,13 +63,10 @@ class Simulation:
         reach: Greatest |slope| of the truths to come, in pixels per view step. Surfaces are painted that far; if a
             truth reaches farther, they are painted again.
         force: As for `simulate`.
-        device: As for `simulate`.
     """
 
-    def __init__(
-        self, scene: Scene, reach: float = 0.0, force: bool = False, device: str | torch.device = "cpu"
-    ) -> None:
-        self.scene, self.reach, self.force, self.device = scene, reach, force, device
+    def __init__(self, scene: Scene, reach: float = 0.0, force: bool = False) -> None:
+        self.scene, self.reach, self.force = scene, reach, force
         # A camera with several samples per pixel is rendered with pixels as small as its samples.
         self._fine_scene = finer(scene, scene.camera.samples)
         self._layers: list[Layer] | None = None
@@ -105,7 +102,7 @@ class Simulation:
             return Pass(name, ("layers",), makes, run)
 
         if self._layers is None:
-            passes = painting.passes(self._fine_scene, self.device, n_samples * self.reach, self.force)
+            passes = painting.passes(self._fine_scene, n_samples * self.reach, self.force)
         else:
             passes = [Pass("take what is painted", (), "layers", lambda: self._layers)]
         return [
@@ -125,7 +122,6 @@ def simulate(
     outputs: Sequence[str] = ("views", "truth"),
     slopes: Slopes | None = None,
     force: bool = False,
-    device: str | torch.device = "cpu",
     timed: bool = False,
 ) -> Simulated:
     """Simulate a scene.
@@ -139,7 +135,6 @@ def simulate(
             are followed one by one, layers are sorted by depth at each pixel, every surface gets a highlight and a
             mirror (black where the scene has none), a single layer is composited cell by cell instead of filtered
             once, and all effects of the sensor are applied. The number of cells of the aperture stays the same.
-        device: Device that renders.
         timed: Measure the milliseconds of each pass, waiting for an idle GPU before and after it.
 
     Returns:
@@ -158,7 +153,7 @@ def simulate(
         remedy = "take one of lfref.simulator.sim30.SCENES, or describe one: lfref.simulator.scene.Scene"
         raise InputError("what is simulated must be a Scene", got=repr(scene), remedy=remedy)
     seeded = dataclasses.replace(scene, seed=scene.seed + seed)
-    return Simulation(seeded, force=force, device=device).run(outputs, slopes, timed)
+    return Simulation(seeded, force=force).run(outputs, slopes, timed)
 
 
 def finer(scene: Scene, factor: int) -> Scene:

@@ -7,13 +7,11 @@ The integral needs sampling only because surfaces hide parts of each other. Step
 2. A single layer that is only shifted needs no sampling: the sum over all cells is a linear filter (`filter_layer`).
 3. Otherwise blur every layer by its motion within a cell, composite through the middle of every cell, and take the
    weighted mean; do so with two numbers of cells, and extrapolate. `render` prepares the arrays that the compiled
-   loops of `truth_loops` read, on the CPU:
+   loops of `truth_loops` read:
    - a layer that is only shifted is blurred by its motion within a cell and read along whole rows (`BlurredLayers`);
    - a traced layer that faces the camera gets such a blurred window too;
    - a traced layer that is slanted or curved is blurred differently at each point: its window is mixed of blurred
      copies of its bitmap.
-   `render_eagerly` takes the same sums by PyTorch's operations. It is the only form that runs on a GPU, and the
-   reference of the loops in tests; on the CPU it takes several times as long.
 Letters: `N` planes, `s` slope, `e` relative slope, `K` layers, `J I` rows and columns of cells, `M` cells at once,
 `X Y` as in `surfaces`.
 """
@@ -21,7 +19,6 @@ Letters: `N` planes, `s` slope, `e` relative slope, `K` layers, `J I` rows and c
 import functools
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -31,7 +28,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import loops
-from lfref.simulator import bitmaps, focal_planes, rays, truth_loops, views
+from lfref.simulator import bitmaps, focal_planes, rays, truth_loops
 from lfref.simulator.bitmaps import FINE, OVERSAMPLING, Bitmap
 from lfref.simulator.focal_planes import CellFilter, FocalPlane
 from lfref.simulator.layers import Layer, disparity_span
@@ -43,7 +40,7 @@ from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, CellPositi
 def stack(
     layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, averaged: int = 1, n_cells: int | None = None
 ) -> Tensor:
-    """Photograph layers at each slope: a stack of the layers' type and device, [N, 3, H, W].
+    """Photograph layers at each slope: a stack of the layers' type, [N, 3, H, W].
 
     Args:
         layers: Layers from far to near, painted for a reach of the greatest |slope|.
@@ -56,8 +53,6 @@ def stack(
     if n_cells is not None and n_cells < 1:
         raise InputError("n_cells must be at least 1", got=n_cells)
     planes = focal_planes.focal_planes(layers, camera, values, n_cells, averaged)
-    on_cpu = layers[0].device.type == "cpu"
-    renderer = render if on_cpu else render_eagerly
     pictures = []
     for plane in planes:
         if not plane.layers:
@@ -66,10 +61,10 @@ def stack(
             pictures.append(filter_layer(plane))
         elif plane.coarser:
             # Richardson: with half as many cells, the leading error is four times as large.
-            picture = renderer(plane)
-            pictures.append(picture + (picture - renderer(plane.coarser)) / 3)
+            picture = render(plane)
+            pictures.append(picture + (picture - render(plane.coarser)) / 3)
         else:
-            pictures.append(renderer(plane))
+            pictures.append(render(plane))
     return torch.stack(pictures)
 
 
@@ -203,117 +198,3 @@ def _copy_corner(bitmap: Bitmap, level: int) -> tuple[int, int]:
     """Y and X of the first sample of a blurred copy, in samples."""
     canvas, margin = bitmap.canvas, bitmaps.margin(level)
     return canvas.top * FINE // OVERSAMPLING - margin, canvas.left * FINE // OVERSAMPLING - margin
-
-
-def render_eagerly(plane: FocalPlane) -> Tensor:
-    """The picture of a plane by PyTorch's operations, on any device, [3, H, W]."""
-    cells, layers = plane.cells, plane.layers
-    device = layers[0].device
-    picture = torch.zeros(3, *plane.camera.size, dtype=torch.float64, device=device)
-    windows = [_eager_windows(plane, layer) for layer in layers]
-    x, y = (pixels.to(device) for pixels in plane.camera.pixels())
-    q, p = (points.flatten() for points in torch.meshgrid(cells.q, cells.p, indexing="ij"))
-    weights = cells.weights.flatten()
-    # 16 cells at once: more take memory and no less time.
-    for part in torch.stack([p, q, weights])[:, weights > 0].split(16, dim=1):
-        p, q, shares = (values.to(device)[:, None, None] for values in part)
-        ray = p, q, x + plane.slope * p, y + plane.slope * q
-        disparities = views.ray_disparities(layers, *ray)
-        rgba = [_layer_rgba(plane, *of_layer, *ray) for of_layer in zip(layers, windows, disparities, strict=True)]
-        radiance = _composite_crossing(plane, rgba, disparities, *ray) if plane.is_sorted else views.composite(rgba)
-        picture += torch.einsum("m,mchw->chw", shares[:, 0, 0], radiance.double())
-    return picture.to(layers[0].bitmap.samples)
-
-
-class EagerWindow(NamedTuple):
-    """A blurred window of PyTorch."""
-
-    samples: Tensor  # premultiplied RGBA, [4, h, w]
-    top: int  # Y of the first row in samples
-    left: int  # X of the first column in samples
-
-    def at(self, x: Tensor, y: Tensor) -> Tensor:
-        """Linear look-ups at points (X, Y) [M, H, W] each, [M, 4, H, W]."""
-        places = torch.broadcast_tensors(x * FINE - self.left, y * FINE - self.top)
-        return bitmaps.linear_at(self.samples, *places)
-
-
-def _eager_windows(plane: FocalPlane, layer: Layer) -> list[EagerWindow]:
-    """The windows of a layer and of the picture that it mirrors, if any."""
-    shape, reflection = layer.surface.geometry, layer.reflection
-    is_parallel = shape.is_parallel
-    own = _blurred_window(plane, layer.bitmap, shape.form.disparity) if is_parallel else _mixed_window(plane, layer)
-    return [own, _blurred_window(plane, reflection.picture, reflection.disparity)] if reflection else [own]
-
-
-def _layer_rgba(
-    plane: FocalPlane, layer: Layer, windows: list[EagerWindow], D: Tensor, p: Tensor, q: Tensor, x: Tensor, y: Tensor
-) -> Tensor:
-    """A layer as seen through cells, RGBA [M, 4, H, W], by rays that meet it at the disparities D [M, H, W]."""
-    positions, e = (x - D * p, y - D * q), plane.slope - D
-    rgba = windows[0].at(*positions)
-    if layer.highlight:
-        spread = (e - layer.highlight.drift) * plane.cell_width
-        rgba[:, :3] += rgba[:, 3:] * layer.highlight.light_at(positions, p, q, spread).to(rgba)
-    if layer.reflection:
-        disparity = layer.reflection.disparity
-        mirrored = windows[1].at(x - disparity * p, y - disparity * q)
-        rgba[:, :3] += layer.reflection.share * rgba[:, 3:] * mirrored[:, :3]
-    return rgba
-
-
-def _mixed_window(plane: FocalPlane, layer: Layer) -> EagerWindow:
-    """The window of a slanted or curved layer: between the two blurred copies that suit each point."""
-    blur = plane.copy_blur(layer)
-    top, left, bottom, right = plane.read_box(layer, blur.copies())
-    rows, columns = (torch.arange(*ends, device=layer.device) for ends in ((top, bottom), (left, right)))
-    disparity = layer.surface.geometry.disparity_at(columns.double() / FINE, rows.double()[:, None] / FINE)
-    levels = torch.from_numpy(blur.levels).to(disparity)
-    step = (plane.slope - disparity).abs().clamp(min=blur.nearest) * blur.steps
-    below = step.long().clamp(max=len(levels) - 2)
-    level = levels[below] + (step - below).clamp(max=1) * (levels[below + 1] - levels[below])
-    mixed = torch.zeros(())
-    for n in blur.copies():
-        share, copy = (1 - (level - n).abs()).clamp(min=0), layer.bitmap.blurred(n)
-        i, j = (
-            (at - start).clamp(0, length - 1)
-            for at, start, length in zip((rows, columns), _copy_corner(layer.bitmap, n), copy.shape, strict=False)
-        )
-        mixed = mixed + share.to(copy) * copy[i][:, j].movedim(-1, 0)
-    return EagerWindow(mixed, top, left)
-
-
-def _blurred_window(plane: FocalPlane, bitmap: Bitmap, disparity: float) -> EagerWindow:
-    """The window of a bitmap that faces the camera, blurred by a cell."""
-    samples, cell = plane.window(bitmap), plane.filter(disparity)
-    for axis, taps in ((-2, cell.down.tolist()), (-1, cell.across.tolist())):
-        length, half = samples.shape[axis], len(taps) // 2
-        index = torch.arange(-half, length + half, device=samples.device).clamp(0, length - 1)
-        padded = samples.index_select(axis, index)
-        samples = sum((tap * padded.narrow(axis, t, length) for t, tap in enumerate(taps)), torch.zeros_like(samples))
-    return EagerWindow(samples, *plane.window_corner())
-
-
-def _composite_crossing(
-    plane: FocalPlane, rgba: list[Tensor], disparities: Tensor, p: Tensor, q: Tensor, x: Tensor, y: Tensor
-) -> Tensor:
-    """Radiance of layers that are sorted at each pixel, [M, 3, H, W]; see `rays.composite_crossing`."""
-    crosses, gradients = plane.crosses(), []
-    for layer, D in zip(plane.layers, disparities, strict=True):
-        across, down = layer.surface.geometry.gradient_at(x - D * p, y - D * q)
-        gradients.append(torch.stack([across, down]) / (1 + across * p + down * q))
-    radiance = torch.zeros_like(rgba[0][:, :3])
-    for k, behind in enumerate(rgba):
-        light = behind[:, :3]
-        for m, front in enumerate(rgba):
-            if m != k:
-                lead = disparities[m] - disparities[k]
-                before = (lead > 0) | ((lead == 0) & (m > k))
-                if crosses[m, k]:
-                    e = plane.slope - (disparities[m] + disparities[k]) / 2
-                    gradient = torch.linalg.vector_norm(gradients[m] - gradients[k], dim=0)
-                    spread = e.abs() * plane.cell_width * gradient
-                    before = torch.where(lead.abs() < spread, (0.5 + lead / spread).clamp(0, 1), before.double())
-                light = light * (1 - before[:, None].to(front) * front[:, 3:])
-        radiance = radiance + light
-    return radiance

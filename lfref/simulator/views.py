@@ -1,10 +1,9 @@
 """Views: pictures of layers from points of the aperture, and the contents of the central view.
 
-On the CPU, views are rendered in bands of rows; layers are laid over a band from far to near. A layer whose views are
+Views are rendered in bands of rows; layers are laid over a band from far to near. A layer whose views are
 shifted copies is read along whole rows (`shifts`); the rays to other layers are followed one by one (`rays`). If any
 layers cross, the rays to all layers are followed, and the layers are sorted by depth at each pixel. A traced layer that
-faces the camera is read by the same shifts as a layer that is not traced, so that both give the same bits. On other
-devices PyTorch's operations do the same, ray by ray.
+faces the camera is read by the same shifts as a layer that is not traced, so that both give the same bits.
 Letters: `p q` aperture point in view steps, `v u` row and column of aperture points, `x y` pixel from the picture's
 centre, `M` aperture points, `K` layers, `n` bitmap of the atlas.
 """
@@ -23,7 +22,7 @@ from lfref.functional import loops
 from lfref.functional.loops import compiled
 from lfref.simulator import bitmaps, rays, shifts
 from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Canvas, Floats
-from lfref.simulator.layers import Layer, as_rays, disparity_span, is_backdrop
+from lfref.simulator.layers import Layer, disparity_span, is_backdrop
 from lfref.simulator.rays import Atlas, AtlasEntry, Float64s, RayLayers, RayRow
 from lfref.simulator.scene import Camera
 from lfref.simulator.shifts import ShiftTaps
@@ -51,10 +50,6 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
         q: Rows of the aperture points, likewise, [V].
         slope: Slope of the plane that is at the same place in all pictures, in pixels per view step; 0 for views.
     """
-    if layers[0].device.type != "cpu":
-        x, y = camera.pixels()
-        across = x + slope * p[:, None, None]
-        return torch.stack([radiance(layers, p, row.expand(len(p)), across, y + slope * row) for row in q])
     # A backdrop that is only shifted writes every pixel; other layers are laid over black.
     allocate = np.empty if is_backdrop(layers[0].surface) and not layers[0].is_traced else np.zeros
     picture = allocate((len(q), len(p), 3, *camera.size), np.float32)
@@ -248,33 +243,6 @@ def _read_line(
         rgba[c, begin:left] = 0
         rgba[c, right:stop] = 0
         shifts.read_shifted(lines[n, c], start, weights, max(left, begin), max(min(right, stop), left, begin), rgba[c])
-
-
-def radiance(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Light that reaches pixels through aperture points, by PyTorch on any device; the reference of the loops above.
-
-    Arguments as for `Layer.rgba_at`, result [M, 3, H, W], float32.
-    """
-    rgba = [layer.rgba_at(p, q, x, y) for layer in layers]
-    if any(layer.is_sorted for layer in layers):
-        disparities = ray_disparities(layers, *as_rays(p, q, x, y, layers[0].device))
-        order = disparities.argsort(dim=0, stable=True)[:, :, None].expand(-1, -1, 4, -1, -1)
-        rgba = list(torch.stack(rgba).gather(0, order))
-    return composite(rgba)
-
-
-def composite(rgba: Sequence[Tensor]) -> Tensor:
-    """Radiance [M, 3, H, W] of layers in front of black, premultiplied [M, 4, H, W] each, from far to near."""
-    picture = rgba[0][:, :3]
-    for nearer in rgba[1:]:
-        picture = nearer[:, :3] + picture * (1 - nearer[:, 3:])
-    return picture
-
-
-def ray_disparities(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Disparity at which rays (as from `layers.as_rays`) meet each layer, [K, M, H, W]."""
-    shape = torch.broadcast_shapes(p.shape, q.shape, x.shape, y.shape)
-    return torch.stack([layer.surface.geometry.ray_disparity(x, y, p, q).expand(shape) for layer in layers])
 
 
 def all_in_focus(layers: Sequence[Layer], camera: Camera) -> Tensor:

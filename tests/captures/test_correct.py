@@ -4,7 +4,6 @@ import dataclasses
 import itertools
 import math
 import struct
-import zlib
 from pathlib import Path
 
 import pytest
@@ -21,8 +20,6 @@ from lfref.captures.correct import (
     correct,
     correct_by_option,
     load,
-    packed,
-    unpacked,
 )
 from lfref.captures.hot_pixels import HotPixelsDefect
 from lfref.captures.registration import AlignmentDefect, SpacingDefect
@@ -30,7 +27,6 @@ from lfref.captures.vignetting import Rim, falloff_gain, find_by_white, rim_gain
 from lfref.errors import FileError, InputError
 from lfref.functional import noise_line
 from lfref.io.read import read
-from lfref.io.tensor_files import DIGEST
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.effects.noise import noisy
@@ -149,27 +145,9 @@ def test_a_file_of_something_else_is_refused(tmp_path, content):
 
 @pytest.mark.parametrize("changed", [{"findings": {"unheard": {}}}, {"findings": {"spacing": {"ratios": 1}}}])
 def test_a_file_of_other_defects_is_refused(spaced, tmp_path, changed):
-    torch.save(
-        {name: value for name, value in (torch.load(spaced) | changed).items() if name != DIGEST},
-        tmp_path / "changed.pt",
-    )
+    torch.save(torch.load(spaced) | changed, tmp_path / "changed.pt")
     with pytest.raises(FileError, match="entries that cannot be read"):
         load(tmp_path / "changed.pt")
-
-
-def test_a_file_of_an_earlier_version_has_other_names(grey, tmp_path):
-    fields = {
-        "hot_pixels": {"places": torch.tensor([[1, 1, 0, 3, 4]]), "count": 1},
-        "vignetting": {"falloff": 0.0, "displacement": 0.5, "radius": 3.0, "known": True, "white": None, "error": 0.0},
-        "spacing": {"ratio": 1.25, "found": 1.25, "error": 0.001},
-    }
-    content = {"format": "lfref corrections 1", "grid": grey.grid, "size": grey.size, "findings": fields}
-    torch.save(content, tmp_path / "former.pt")
-    corrections = load(tmp_path / "former.pt")
-    assert corrections.active == ("hot_pixels", "vignetting", "spacing")
-    assert corrections["hot_pixels"].samples.tolist() == [[1, 1, 0, 3, 4]]
-    assert corrections["spacing"].estimate == 1.25
-    assert corrections.apply(grey).positions[:, 0, 0].tolist() == [-1.25, 0, 1.25]
 
 
 def test_encoded_samples_are_not_scaled_as_light(vignetted, corrected):
@@ -379,36 +357,10 @@ def test_stored_gains_hardly_change_pictures_of_a_real_capture(lytro, tmp_path):
     assert change_of_pictures(capture, defect, stored(defect, tmp_path)) < 2e-4
 
 
-def test_gains_in_files_of_format_2_are_read(tmp_path):
-    gains = torch.linspace(0.1, 1, 64 * 64).reshape(1, 1, 1, 64, 64).expand(1, 2, 1, 64, 64)
-    coarse = gains.log().flatten(0, 2)[None, :, ::16, ::16].contiguous().half()
-    smooth = torch.nn.functional.interpolate(coarse.float(), (64, 64), mode="bicubic")
-    steps = ((gains.log().flatten(0, 2)[None] - smooth) / 2e-4).round().int()
-    planes = steps.contiguous().reshape(-1, 1).view(torch.uint8).T.contiguous().numpy().tobytes()
-    content = torch.frombuffer(bytearray(zlib.compress(planes)), dtype=torch.uint8)
-    entry = {"shape": tuple(gains.shape), "type": "float16", "coarse": coarse, "bytes": content}
-    findings = {"vignetting": {"white": entry, "error": 0.001}}
-    former = {"format": "lfref corrections 2", "grid": (1, 2), "size": (64, 64), "findings": findings}
-    torch.save(former, tmp_path / "former.pt")
-    assert (load(tmp_path / "former.pt")["vignetting"].white / gains - 1).abs().max() < 1.1e-4
-
-
 def test_displacements_of_many_views_are_stored_exactly(tmp_path):
     shifts = torch.randn(48, 48, 2, dtype=torch.float64)
     Corrections((48, 48), (64, 64), (AlignmentDefect(shifts, 0.01),)).save(tmp_path / "correction.pt")
     assert torch.equal(load(tmp_path / "correction.pt")["alignment"].shifts, shifts)
-
-
-@pytest.mark.parametrize("entry", [{"shape": (10**6, 10**6)}, {"bytes": torch.zeros(9, dtype=torch.uint8)}])
-def test_a_packed_tensor_that_is_damaged_is_refused(tmp_path, entry):
-    corners = torch.zeros(3, 3, 1, 64, 64, dtype=torch.bool)
-    Corrections((3, 3), (64, 64), (BlackViewsDefect((), corners),)).save(tmp_path / "a.pt")
-    content = torch.load(tmp_path / "a.pt")
-    del content[DIGEST]
-    content["findings"]["black_views"]["corners"] |= entry
-    torch.save(content, tmp_path / "a.pt")
-    with pytest.raises(FileError, match="entries that cannot be read"):
-        load(tmp_path / "a.pt")
 
 
 def test_corrections_in_place_use_the_memory_of_the_light_field():
@@ -434,11 +386,3 @@ def test_views_of_any_floating_type_are_corrected(change):
     assert corrections.active == ("exposure",)
     assert corrected.views.dtype == change(darker).dtype
     torch.testing.assert_close(corrected.views.detach().float(), expected.views, atol=0.02, rtol=0)
-
-
-def test_packing_gains_leaves_them_as_they_are():
-    gains = 0.5 + torch.rand(2, 2, 3, 32, 40)
-    before = gains.clone()
-    restored = unpacked(packed(gains))
-    assert torch.equal(gains, before)
-    torch.testing.assert_close(restored, gains, atol=0.02, rtol=0.02)

@@ -137,19 +137,6 @@ def test_a_light_field_that_does_not_fit_the_checkpoint(lfref, tmp_path, network
 
 
 @pytest.mark.parametrize(
-    "words",
-    [
-        ("simulate",),
-        ("train", "--multirun", "seed=1,2"),
-    ],
-)
-def test_output_that_cannot_be_written(lfref, tmp_path, words):
-    (tmp_path / "file").write_text("")
-    line = assert_one_line(*lfref(*words, f"output={tmp_path}/file/out"))
-    assert "output" in line
-
-
-@pytest.mark.parametrize(
     ("words", "said"),
     [
         (("refocus",), "input"),

@@ -32,16 +32,11 @@ def test_every_choice_composes_and_instantiates(composed, choice, tmp_path, monk
         "planes": ("recipe=default",),
         "refining": ("experiment=refiner",),
     }
-    command = {"recipe": "prepare", "views": "view"}.get(group, "train")
+    command = {"views": "view"}.get(group, "train")
     config = composed(command, f"{group}={name}", *needs.get(name, ()))
     if group == "trainer":
         config.trainer.accelerator, config.trainer.devices = "cpu", 1
     assert configs.build(config[group]) is not None
-
-
-def test_the_cache_of_light_fields_can_be_limited(composed, tmp_path):
-    words = ("data=folder", f"data.path={tmp_path}", "data.cache_gb=2")
-    assert configs.build(composed("train", *words).data).most_bytes == 2e9
 
 
 def test_every_option_of_the_reader_can_be_set_and_stays_as_in_python(composed):

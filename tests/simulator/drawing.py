@@ -19,6 +19,7 @@ from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
+from tests.simulator import eager
 
 CAMERA = Camera((3, 4), (26, 33))
 SHARE = st.floats(0, 1)
@@ -97,7 +98,7 @@ def view_points(camera):
 
 def slow_views(scene):
     """All layers from all view points, by PyTorch's operations alone."""
-    views = render.radiance(painting.paint(scene), *view_points(scene.camera), *scene.camera.pixels())
+    views = eager.radiance(painting.paint(scene), *view_points(scene.camera), *scene.camera.pixels())
     return views.unflatten(0, scene.camera.grid)
 
 

@@ -10,6 +10,7 @@ from lfref.refocus.fourier import exact
 from lfref.simulator import bitmaps
 from lfref.simulator.bitmaps import Bitmap, Canvas
 from lfref.simulator.textures import Noise
+from tests.simulator import eager
 
 CANVAS = Canvas(-80, -80, 160, 160, (80, 80))
 
@@ -35,7 +36,7 @@ def read(bitmap, width, i, j):
 
 def read_copy(bitmap, level, i, j):
     beyond = bitmaps.margin(level)
-    return bitmaps.linear_at(bitmap.blurred(level).movedim(-1, 0), 2 * i + beyond, 2 * j + beyond)
+    return eager.linear_at(bitmap.blurred(level).movedim(-1, 0), 2 * i + beyond, 2 * j + beyond)
 
 
 def scattered(n=41):
@@ -49,7 +50,7 @@ def scattered(n=41):
 def test_a_blur_is_a_box_of_that_width(width):
     bitmap = noise()
     i, j = scattered()
-    expected = bitmaps.cubic_at(box_blurred(bitmap, width).float(), i, j)
+    expected = eager.cubic_at(box_blurred(bitmap, width).float(), i, j)
     error = (read(bitmap, width, i, j) - expected).square().mean()
     assert float(-10 * error.log10()) > 50
 
@@ -58,7 +59,7 @@ def test_the_sharpened_copy_undoes_what_linear_look_ups_blur_midway():
     bitmap = noise()
     i, j = scattered()
     i, j = i.floor() + 0.25, j.floor() + 0.25  # midway between refined samples
-    exact = bitmaps.cubic_at(bitmap.samples, i, j)
+    exact = eager.cubic_at(bitmap.samples, i, j)
     errors = [(read_copy(bitmap, level, i, j) - exact).square().mean() for level in (0, 1)]
     assert float(errors[0]) < 0.1 * float(errors[1])
 
@@ -129,14 +130,14 @@ def test_weights_add_up_to_one_and_reproduce_quadratics(t):
 def test_quadratics_are_read_exactly():
     j, i = torch.meshgrid(torch.arange(20.0), torch.arange(24.0), indexing="ij")
     at_i, at_j = torch.rand(2, 5, 6, 7, dtype=torch.float64) * 15 + 2
-    read = bitmaps.cubic_at(quadratic(i, j)[None], at_i, at_j)
+    read = eager.cubic_at(quadratic(i, j)[None], at_i, at_j)
     torch.testing.assert_close(read[:, 0], quadratic(at_i, at_j).float(), atol=2e-6, rtol=0)
 
 
 def test_grids_are_read_as_points_are_within_and_beyond_the_bitmap():
     samples = torch.rand(4, 20, 24)
     i, j = torch.rand(3, 1, 30, dtype=torch.float64) * 40 - 8, torch.rand(3, 25, 1, dtype=torch.float64) * 40 - 8
-    points = bitmaps.cubic_at(samples, i.expand(3, 25, 30), j.expand(3, 25, 30))
+    points = eager.cubic_at(samples, i.expand(3, 25, 30), j.expand(3, 25, 30))
     torch.testing.assert_close(bitmaps.cubic_on_grid(samples, i, j), points, atol=1e-6, rtol=0)
 
 

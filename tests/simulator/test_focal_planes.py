@@ -14,6 +14,7 @@ from lfref.simulator.mattes import Disc, Full
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Flat, Noise
+from tests.simulator import eager
 
 FAR, NEAR = Surface(Plane(-1.0), Noise()), Surface(Plane(0.5), Noise())
 ISLAND = Disc(9.0)
@@ -161,7 +162,7 @@ def test_an_opaque_surface_hides_no_other_that_it_crosses():
 def test_a_window_holds_the_central_view_at_its_middle(size, slope):
     plane = planes(FAR, size=size, slopes=(slope, 0.0, -2.0))[0]
     (layer,), centre = plane.layers, torch.zeros(1, dtype=torch.float64)
-    expected = layer.rgba_at(centre, centre, *plane.camera.pixels())[0]
+    expected = eager.rgba_at(layer, centre, centre, *plane.camera.pixels())[0]
     window, margin = plane.window(layer.bitmap), plane.margin
     assert window.shape[1:] == tuple(4 * (length + 2 * margin) for length in size)
     pixels = window[:, 4 * margin :, 4 * margin :][:, : 4 * size[0] : 4, : 4 * size[1] : 4]

@@ -12,7 +12,7 @@ from lfref.simulator.mattes import Disc, Full
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Flat, Gradient, Noise
-from tests.simulator import drawing
+from tests.simulator import drawing, eager
 
 CAMERA = Camera((5, 5), (40, 48))
 GREY = Flat((0.5, 0.5, 0.5))
@@ -24,7 +24,7 @@ def painted(surface, light=Light(), reach=0.0, seed=0, camera=CAMERA):  # noqa: 
 
 def rgba_of(surface, p=0.0, q=0.0, **options):
     x, y = CAMERA.pixels()
-    return painted(surface, **options).rgba_at(torch.tensor([p]), torch.tensor([q]), x, y)[0]
+    return eager.rgba_at(painted(surface, **options), torch.tensor([p]), torch.tensor([q]), x, y)[0]
 
 
 def wave(x, period):

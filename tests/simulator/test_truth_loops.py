@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.simulator import bitmaps, rays, truth_loops
+from lfref.simulator import rays, truth_loops
 from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, CellPositions, LookUps, TracedLayers
+from tests.simulator import eager
 
 ROWS, COLUMNS, PHASES = 14, 16, 2
 
@@ -96,7 +97,7 @@ def test_runs_of_rays_read_a_window_linearly_and_its_edge_beyond(kind, step):
     truth_loops._find_samples(windows, 1, at, 3, 38, look_ups)
     truth_loops._read_runs(windows, 1, 3, 38, look_ups, rgba)
     places = (torch.from_numpy(4 * line - start)[None, None] for line, start in zip(at, (left, top), strict=True))
-    expected = bitmaps.linear_at(torch.from_numpy(samples), *places)[0, :, 0]
+    expected = eager.linear_at(torch.from_numpy(samples), *places)[0, :, 0]
     np.testing.assert_allclose(rgba[:, 3:38], expected[:, 3:38], atol=1e-6)
     assert (rgba[:, :3] == -1).all()
     assert (rgba[:, 38:] == -1).all()

@@ -37,6 +37,11 @@ def data() -> SimulatedData:
     return SimulatedData(labels, n_fields=3, n_validation=2, scenes=SCENES, patch=24, patches_per_field=2)
 
 
+def batches_of(data, loader):
+    """Batches of a loader as the network gets them."""
+    return [data.on_after_batch_transfer(batch, 0) for batch in loader]
+
+
 @pytest.fixture
 def trainer(tmp_path: Path):
     def make(**options) -> Trainer:

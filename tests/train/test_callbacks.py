@@ -32,6 +32,7 @@ from lfref.train.callbacks import (
     side_by_side,
 )
 from lfref.train.modules import LEARNING_RATE, Refocusing
+from tests.train.conftest import batches_of
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*does not have many workers.*",
@@ -148,7 +149,7 @@ def test_corrupted_weights_are_never_written(module, data, trainer, tmp_path):
     assert not (tmp_path / "bad.ckpt").exists()
 
 
-def test_a_value_that_is_not_finite_is_never_the_best(module, data, trainer, tmp_path, caplog):
+def test_a_value_that_is_not_finite_is_never_the_best(module, data, trainer, tmp_path):
     class PoisonedValidation(Callback):
         def on_validation_batch_start(self, trainer, module, batch, batch_index):
             if trainer.current_epoch != 1:
@@ -159,7 +160,6 @@ def test_a_value_that_is_not_finite_is_never_the_best(module, data, trainer, tmp
     fit.fit(module, datamodule=data)
     assert torch.load(tmp_path / "best.ckpt", weights_only=True)["epoch"] == 1
     assert best.best_model_score.isfinite()
-    assert caplog.text.count("val/mpsnr is not finite: best checkpoint unchanged") == 2
 
 
 def test_float16s_own_overflow_is_counted_apart(module, data, trainer):
@@ -235,14 +235,14 @@ def started(module, batches, crops=slice(None)):
 @pytest.mark.parametrize(("n_crops", "n_batches"), [(1, 1), (3, 2), (24, 3)])
 def test_a_new_run_starts_from_crops_of_its_first_batches(module, data, trainer, n_crops, n_batches):
     data.setup("fit")
-    expected = started(module, list(data.train_dataloader())[:n_batches])
+    expected = started(module, batches_of(data, data.train_dataloader())[:n_batches])
     trainer(max_steps=1, limit_val_batches=0, callbacks=[Initialization(n_crops)]).fit(still(module), datamodule=data)
     assert equal(module.net.state_dict(), expected)
 
 
 def test_crops_that_are_not_finite_do_not_count(module, data, trainer):
     data.setup("fit")
-    expected = started(module, list(data.train_dataloader()), crops=[0, 1, 3, 4, 5])
+    expected = started(module, batches_of(data, data.train_dataloader()), crops=[0, 1, 3, 4, 5])
     labelled = data.on_after_batch_transfer
 
     def spoiled(batch, index):
@@ -251,7 +251,7 @@ def test_crops_that_are_not_finite_do_not_count(module, data, trainer):
             batch["labels"][0, 0, 0, 0, 0] = torch.nan
         return batch
 
-    second = list(data.train_dataloader())[1]["where"][0]
+    second = batches_of(data, data.train_dataloader())[1]["where"][0]
     data.on_after_batch_transfer = spoiled
     callbacks = [Initialization(), StepGuard()]
     trainer(max_steps=1, limit_val_batches=0, callbacks=callbacks).fit(still(module), datamodule=data)
@@ -296,7 +296,7 @@ def test_pictures_show_the_worst_patch_and_the_best(module, data, trainer, tmp_p
     files = sorted((tmp_path / "pictures").iterdir())
     assert [file.name for file in files] == ["patches_0000.png", "patches_0001.png"]
     patches = []
-    for batch in data.val_dataloader():
+    for batch in batches_of(data, data.val_dataloader()):
         with torch.no_grad():
             stacks = module.net(batch["views"])
         patches += [
@@ -386,22 +386,11 @@ def test_a_resumed_training_adds_its_time_to_that_of_its_checkpoint(module, data
     with pytest.raises(SystemExit):
         trainer(max_epochs=3, callbacks=callbacks).fit(module, datamodule=data)
     n_parameters = sum(parameter.numel() for parameter in module.net.parameters())
-    expected = {"n_parameters": n_parameters, "device": "cpu", "processes": 1}
+    expected = {"n_parameters": n_parameters, "device": "cpu", "processes": 1, "best_value": None}
     assert json.loads(note.read_text()) == expected | {"seconds": 20.0, "is_finished": False}
     again = trainer(max_epochs=3, callbacks=[TrainingRecord(note), Passing(clock, last)])
     again.fit(module, datamodule=data, ckpt_path=last, weights_only=True)
     assert json.loads(note.read_text()) == expected | {"seconds": 30.0, "is_finished": True}
-
-
-def test_the_time_of_a_training_that_an_older_version_began_is_unknown(module, data, trainer, tmp_path):
-    note, last = tmp_path / "training.json", tmp_path / "last.ckpt"
-    before = trainer(max_epochs=1)
-    before.fit(module, datamodule=data)
-    before.save_checkpoint(last)
-    again = trainer(max_epochs=2, callbacks=[TrainingRecord(note)])
-    again.fit(module, datamodule=data, ckpt_path=last, weights_only=True)
-    record = json.loads(note.read_text())
-    assert (record["seconds"], record["is_finished"]) == (None, True)
 
 
 def test_side_by_side_is_a_row_for_each_plane():

@@ -25,6 +25,7 @@ RECIPE = Recipe(SCENES, BASE, features=("central", "spread"))
 @pytest.fixture
 def data(tmp_path):
     """Planes whose truth is twice as bright where the last feature says so."""
+    made = PlaneData(RECIPE, str(tmp_path), n_fields=6, n_validation=2, crop=16, planes_per_batch=4, workers=0)
     torch.manual_seed(0)
     for index in range(6):
         pictures = 0.2 + 0.2 * torch.rand(2, 3, 24, 24)
@@ -38,8 +39,8 @@ def data(tmp_path):
             0.1 * mark.expand(-1, 3, -1, -1),
             slopes,
         )
-        plane_sets.write(plane_sets.path_of(tmp_path / "set", index), item)
-    return PlaneData(RECIPE, "unused", str(tmp_path / "set"), n_validation=2, crop=16, planes_per_batch=4)
+        plane_sets.write(made.folder / f"{index:06d}.safetensors", item)
+    return made
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from lfref.nets.refnet import RefNet
 from lfref.refocuser.load import load
 from lfref.train.callbacks import Initialization
 from lfref.train.modules import Refocusing, WarmupCosine
+from tests.train.conftest import batches_of
 
 
 @pytest.mark.filterwarnings("ignore:.*does not have many workers.*")
@@ -79,7 +80,7 @@ class TestFit:
     def test_logged_metrics_are_the_means_over_planes_and_patches(self, module, data, trainer):
         fit = trainer(max_epochs=1)
         fit.fit(module, datamodule=data)
-        batches = list(data.val_dataloader())
+        batches = batches_of(data, data.val_dataloader())
         with torch.no_grad():
             pairs = [(module(batch["views"], batch["slopes"]), batch["labels"]) for batch in batches]
         for name, quality in (("mpsnr", psnr), ("mssim", ssim)):
@@ -111,7 +112,10 @@ class TestFit:
         fit = trainer(max_epochs=1)
         fit.fit(first := make(), datamodule=data)
         with torch.no_grad():
-            pairs = [(first(batch["views"], batch["slopes"]), batch["labels"]) for batch in data.val_dataloader()]
+            pairs = [
+                (first(batch["views"], batch["slopes"]), batch["labels"])
+                for batch in batches_of(data, data.val_dataloader())
+            ]
         squares = torch.cat([(stack.clamp(0, 1) - labels).square().flatten() for stack, labels in pairs])
         expected = -10 * squares.mean().log10().item()
         assert fit.callback_metrics["val/other_psnr"].item() == pytest.approx(expected, abs=1e-3)
@@ -160,58 +164,6 @@ def test_a_rate_of_the_ends_that_is_no_share_is_refused(module, rate):
 def test_another_number_of_planes_than_the_labels_is_refused(module):
     with pytest.raises(InputError, match=r"net\.n_planes=2"):
         Refocusing(module.net, CompositeLoss(), planes_at_alphas((1.0, 2.0)), torch.optim.Adam)
-
-
-class OwnLoss:
-    """A loss of a user's package, with the mistake that a test passes in."""
-
-    def __init__(self, terms, total):
-        self.terms = lambda stack, labels: terms((stack - labels).square())
-        self.total = total
-
-
-@pytest.mark.parametrize(
-    ("loss", "got"),
-    [
-        (torch.nn.MSELoss(), "MSELoss without terms"),
-        (OwnLoss(lambda errors: {"mse": errors.mean()}, None), "OwnLoss without total"),
-        (OwnLoss(lambda errors: errors.mean(), lambda terms: terms), "terms of type Tensor"),
-        (OwnLoss(lambda errors: {"mse": errors.mean((-3, -2, -1))}, lambda terms: terms["mse"].mean()), "mse of shape"),
-        (OwnLoss(lambda errors: {"mse": errors.mean()}, lambda terms: terms), "total of dict"),
-    ],
-)
-def test_a_loss_of_another_form_is_refused_in_one_line(module, data, loss, got):
-    data.setup("fit")
-    batch = next(iter(data.train_dataloader()))
-    own = Refocusing(module.net, loss, module.planes, module.optimizer)
-    with pytest.raises(InputError, match=rf"a loss must have terms.*; got {got}.*docs/extending.md") as caught:
-        own.training_step(batch, 0)
-    assert len(str(caught.value).splitlines()) == 1
-
-
-@pytest.mark.parametrize("name", ["loss", "mpsnr", "mssim"])
-def test_a_term_with_the_name_of_a_logged_value_is_refused(module, data, name):
-    class Loss(torch.nn.Module):
-        def terms(self, stack, labels):
-            return {name: (stack - labels).abs().mean()}
-
-        def total(self, terms):
-            return terms[name]
-
-    module.loss = Loss()
-    data.setup("fit")
-    with pytest.raises(InputError, match=rf"a loss must have terms.*; got a term named {name}; see"):
-        module.validation_step(next(iter(data.val_dataloader())), 0)
-
-
-@pytest.mark.parametrize(
-    ("output", "got"), [(None, "NoneType"), (torch.zeros(2, 2, 3, 4, 4), r"shape \[2, 2, 3, 4, 4\]")]
-)
-def test_a_network_that_returns_no_stack_is_refused(module, data, output, got):
-    module.net.forward = lambda views, slopes: output
-    data.setup("fit")
-    with pytest.raises(InputError, match=rf"the network must return a stack of the labels' shape \[.*; got {got}"):
-        module.validation_step(next(iter(data.val_dataloader())), 0)
 
 
 def test_a_metric_with_the_name_of_a_logged_value_is_refused(module):

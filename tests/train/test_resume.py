@@ -101,11 +101,15 @@ def test_a_run_that_is_killed_at_any_step_is_resumed_from_its_last_checkpoint_to
         trainer(max_epochs=4).fit(module, datamodule=data)
         unbroken |= module.state_dict()
     path = tmp_path / "last.ckpt"
-    each = ModelCheckpoint(tmp_path, "last", every_n_train_steps=1, enable_version_counter=False)
+
+    def each():
+        return ModelCheckpoint(tmp_path, "last", every_n_train_steps=1, enable_version_counter=False)
+
     with pytest.raises(SystemExit):
-        trainer(max_epochs=4, enable_checkpointing=True, callbacks=[each, Killed(step)]).fit(broken, datamodule=data)
+        trainer(max_epochs=4, enable_checkpointing=True, callbacks=[each(), Killed(step)]).fit(broken, datamodule=data)
     assert torch.load(path, weights_only=True)["global_step"] == step - 1
-    trainer(max_epochs=4).fit(again, datamodule=data, ckpt_path=path, weights_only=True)
+    fit = trainer(max_epochs=4, enable_checkpointing=True, callbacks=[each()])
+    fit.fit(again, datamodule=data, ckpt_path=path, weights_only=True)
     for name, value in again.state_dict().items():
         assert torch.equal(value, unbroken[name]), name
 

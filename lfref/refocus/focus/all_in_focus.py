@@ -30,7 +30,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import loops, memory, neighbours, splines
+from lfref.functional import loops, neighbours, splines
 from lfref.functional.loops import compiled
 from lfref.geometry import Slopes
 from lfref.refocus import batches
@@ -210,7 +210,6 @@ def _picture(
     prepare: Callable[[Tensor], Tensor],
 ) -> Tensor:
     """One light field [V, U, C, H, W] as one picture [C, H, W]."""
-    memory.trim_for(views)
     weights, places = _weighed(cost_volume.grey_views(prepare(_grey(views)), aperture, positions), disparity)
     d, numbers = disparity.numpy(), (aperture > 0).flatten().nonzero()[:, 0].tolist()
     n_threads = loops.worthwhile(disparity.numel(), 1 << 10)  # pixels from which one more thread pays
