@@ -21,6 +21,7 @@ from lfref.refocus import batches, block_filters, separable_wiener
 from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.fourier.disparity_layers import CONFUSABLE, Energies, bounded_by_views
+from lfref.refocus.operator import has_traits
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.refocus.wiener import wiener
 from lfref.refocus.wiener_filters import prior_of_map
@@ -41,6 +42,7 @@ AROUND = 17
 """Side of the square around a pixel whose disparities count, in pixels."""
 
 
+@has_traits("predicts", symmetric=True)
 def occlusion_aware(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, disparities: Tensor | None = None
 ) -> Tensor:
@@ -69,6 +71,7 @@ def occlusion_aware(
     return parts[..., : views.shape[-3], :, :].contiguous()
 
 
+@has_traits("predicts", symmetric=True)
 def occlusion_aware_parts(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, disparities: Tensor | None = None
 ) -> Tensor:

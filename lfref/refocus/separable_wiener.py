@@ -23,6 +23,7 @@ from lfref.refocus.fourier import disparity_layers, layer_mixing
 from lfref.refocus.fourier.disparity_layers import Energies, bounded_by_views
 from lfref.refocus.fourier.exact import filter_and_sum
 from lfref.refocus.fourier.layer_mixing import Frame
+from lfref.refocus.operator import has_traits
 
 SPECTRUM = AxisSpectrum(aliased=0.3, unexplained=0.002)
 """By trial on both versions of sim30. From .0003 to .01 of unexplained power, the mean of a scene
@@ -46,6 +47,7 @@ class Term(NamedTuple):
     """Of the view columns, float64, [U]."""
 
 
+@has_traits("predicts", symmetric=True)
 def separable_wiener(
     views: Tensor, slopes: Slopes, disparities: Slopes | None = None, weights: Tensor | None = None
 ) -> Tensor:

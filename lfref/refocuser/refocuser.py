@@ -6,7 +6,6 @@ Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and
 """
 
 import abc
-import functools
 import inspect
 import itertools
 import math
@@ -22,10 +21,8 @@ from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
 from lfref.lightfield import LightField
 from lfref.refocus import apertures, batches
-from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
-from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.operator import traits
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import filling
 
 Aperture = Callable[[Sequence[int]], Tensor]
@@ -89,10 +86,6 @@ class Refocuser(abc.ABC):
         got = f"shape {list(stack.shape)}" if isinstance(stack, Tensor) else type(stack).__name__
         raise InputError(expected, got=got, remedy='see "Interface of each part" in docs/extending.md')
 
-    def window(self, light: LightField, slopes: Tensor, rows: slice, columns: slice) -> Tensor:
-        """A window of the stack of a light field, [N, C, h, w]; the rest is not computed where the method allows it."""
-        return self(light, slopes)[..., rows, columns]
-
     @abc.abstractmethod
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """Refocus views whose axes, type and slopes have been checked.
@@ -106,11 +99,6 @@ class Refocuser(abc.ABC):
         Raises:
             InputError: Positions that it does not take.
         """
-
-    @property
-    def is_local(self) -> bool:
-        """Whether a pixel depends on the samples around it only, and not on the whole picture."""
-        return False
 
     def through(self, aperture: Aperture | None) -> "Refocuser":
         """This method with an aperture; itself if it has one already, or cannot weigh views.
@@ -229,6 +217,7 @@ class OperatorRefocuser(Refocuser):
     def __post_init__(self) -> None:
         self.function = getattr(self.operator, "func", self.operator)
         """The operator without the options bound to it."""
+        self.traits = traits(self.operator)
         self.options: dict[str, Any] = getattr(self.operator, "keywords", {})
         """The options bound to it."""
         try:
@@ -249,11 +238,6 @@ class OperatorRefocuser(Refocuser):
         """As in `Refocuser`, by the operator's parameters."""
         return self.takes("positions")
 
-    @property
-    def is_local(self) -> bool:
-        """As in `Refocuser`: shift-and-sum only."""
-        return self.function is shift_and_sum
-
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """The operator's stack, samples counted by their weight, black where no trusted one contributes.
 
@@ -271,7 +255,7 @@ class OperatorRefocuser(Refocuser):
         if of_views is not None and bool(of_views.any()):
             return self._through_views(views, slopes, of_views, options)
         radiance = batches.radiance(views)
-        sample = self._of_filled if self.function in COMPARING else self._weighted_mean
+        sample = self._weighted_mean if self.traits.reads == "sums" else self._of_filled
         return sample(radiance, weight.to(radiance), slopes, options).to(batches.stack_dtype(views))
 
     def through(self, aperture: Aperture | None) -> "OperatorRefocuser":
@@ -283,12 +267,6 @@ class OperatorRefocuser(Refocuser):
         """As in `Refocuser`, by the operator's `fill` and `disparity`."""
         disparity = torch.as_tensor(self.options.get("disparity", 0.0), dtype=torch.float64).reshape(-1, 1)
         return float(self.options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
-
-    def window(self, light: LightField, slopes: Tensor, rows: slice, columns: slice) -> Tensor:
-        """As in `Refocuser`."""
-        if light.weight is not None or not self.takes("window"):
-            return super().window(light, slopes, rows, columns)
-        return replace(self, operator=functools.partial(self.operator, window=(rows, columns)))(light, slopes)
 
     def _weighted_mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
         """Sum of the weighted samples over the sum of the weights."""
@@ -328,8 +306,8 @@ class OperatorRefocuser(Refocuser):
         """
         if bool((weights == weights[0, 0]).all()):
             return self.operator(views, slopes, **options)
-        fits = self.function not in SYMMETRIC or batches.is_symmetric(weights)
-        if self.function in PREDICTING and not (fits and bool((weights > 0).all())):
+        fits = not self.traits.symmetric or batches.is_symmetric(weights)
+        if self.traits.reads == "predicts" and not (fits and bool((weights > 0).all())):
             whole = filling.predicted(batches.radiance(views), weights, in_place)
             return self.operator(whole, slopes, **options).to(batches.stack_dtype(views))
         if "weights" in options:
@@ -339,9 +317,3 @@ class OperatorRefocuser(Refocuser):
 
 AT_ONCE = 2**26
 """Samples that are weighted at once, 256 MB: 9x9 views of 380x550 pixels in three channels are fewer."""
-SYMMETRIC: frozenset[Operator] = frozenset({separable_wiener, occlusion_aware, occlusion_aware_parts})
-"""Operators whose weights of views must be symmetric about both axes."""
-PREDICTING: frozenset[Operator] = SYMMETRIC | {refocus_by_layers}
-"""Operators that estimate the record of the whole aperture: missing views are predicted for them."""
-COMPARING: frozenset[Operator] = PREDICTING | {shift_and_sum_through_cells}
-"""Operators that compare the views before they sum them, which weighted views would mislead."""

@@ -113,15 +113,6 @@ def field(grid=(3, 5), size=(67, 21), seed=0, **more):
     return LightField(torch.rand(*grid, 3, *size, generator=torch.Generator().manual_seed(seed)), **more)
 
 
-@pytest.mark.parametrize("operator", [shift_and_sum, exact_fourier])
-def test_a_window_is_that_part_of_the_stack_with_weights_and_without(operator):
-    refocuser, rows, columns = OperatorRefocuser("it", operator), slice(2, 9), slice(4, 5)
-    views = torch.rand(3, 3, 1, 12, 13)
-    for light in (LightField(views), LightField(views, weight=(torch.rand(3, 3, 1, 12, 13) > 0.2).float())):
-        slopes = torch.tensor([-0.5, 1.0], dtype=torch.float64)
-        assert torch.equal(refocuser.window(light, slopes, rows, columns), refocuser(light, slopes)[..., rows, columns])
-
-
 def test_views_go_to_the_device_of_the_method_and_the_stack_back():
     class Elsewhere(Refocuser):
         name, device = "elsewhere", torch.device("meta")

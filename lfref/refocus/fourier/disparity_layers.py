@@ -40,6 +40,7 @@ from lfref.refocus.focus.slope_range import DisparityRange
 from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.exact import filter_and_sum, frequencies, half_frequencies, shift_phases
 from lfref.refocus.fourier.layer_mixing import Frame
+from lfref.refocus.operator import has_traits
 from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum, wide_range
 
 RIDGE = 1e-3
@@ -296,6 +297,7 @@ def disparity_layers(
     return Layers(spectra.reshape(*views.shape[:-5], *spectra.shape[1:]), energies, grid, frame)
 
 
+@has_traits("predicts")
 def refocus_by_layers(
     views: Tensor,
     slopes: Slopes,

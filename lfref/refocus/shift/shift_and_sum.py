@@ -26,12 +26,12 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
 from lfref.refocus.focus.slope_range import DisparityRange, scene_range
+from lfref.refocus.operator import has_traits
 from lfref.refocus.shift import shift_plan, shift_torch
-from lfref.refocus.shift.shift_plan import Plan, Window
+from lfref.refocus.shift.shift_plan import Plan
 
 
 def shift_and_sum(
@@ -43,7 +43,6 @@ def shift_and_sum(
     fill: float = 0.0,
     disparity: float | Tensor = 0.0,
     positions: Tensor | None = None,
-    window: tuple[slice, slice] | None = None,
 ) -> Tensor:
     """Refocus light fields at the given slopes.
 
@@ -58,15 +57,13 @@ def shift_and_sum(
         disparity: Of the scene, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
             one for each light field, [..., H, W].
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-        window: Rows and columns of the result that are needed, without steps; None: all. A part takes a part of the
-            time on the CPU, where cells are points.
 
     Returns:
-        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W], or
-        their window. A pixel that no weighted view covers (see `coverage`) is 0.
+        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
+        A pixel that no weighted view covers (see `coverage`) is 0.
 
     Raises:
-        InputError: Views, slopes, weights, cells, positions, names or a window that cannot be used.
+        InputError: Views, slopes, weights, cells, positions or names that cannot be used.
 
     Example:
         >>> views = torch.rand(7, 7, 3, 48, 64)
@@ -77,15 +74,11 @@ def shift_and_sum(
     grid, size = batches.grid_and_size(batch)
     planes, cell = batches.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
     widths = None if cell.varies(planes) else cell.widths(planes).abs().tolist()
-    part = Window(0, 0, *size) if window is None else _checked_window(window, size)
-    summed = Window(0, 0, *size) if cell.fill > 0 else part
-    plan = shift_plan.plan(planes, grid, size, interpolation, border, weights, widths, positions, summed)
+    plan = shift_plan.plan(planes, grid, size, interpolation, border, weights, widths, positions)
     stack = planned_stack(batch, plan)
     if widths is None and cell.fill > 0:
         covered = torch.stack([plan.coverage(shifts) for shifts in plan.planes])
         stack = footprint.blurred(stack, cell.widths(planes), plan.border, covered)
-    if summed != part:
-        stack = part.of(stack)
     return batches.restored(stack, views)
 
 
@@ -116,10 +109,7 @@ def coverage(
 
 
 def planned_stack(views: Tensor, plan: Plan) -> Tensor:
-    """The plan's window of the stacks [B, N, C, H, W] of light fields [B, V, U, C, H, W].
-
-    Compiled loops compute nothing else.
-    """
+    """The plan's stacks [B, N, C, H, W] of light fields [B, V, U, C, H, W]."""
     aperture = torch.tensor(plan.aperture)
     views = batches.without_unread(views.reshape(len(views), *aperture.shape, *views.shape[3:]), aperture)
     if plan.interpolation.weights is not None and batches.is_compiled(views):
@@ -127,17 +117,7 @@ def planned_stack(views: Tensor, plan: Plan) -> Tensor:
         from lfref.refocus.shift import shift_numba
 
         return shift_numba.shift_and_sum(views, plan)
-    return plan.window.of(shift_torch.shift_and_sum(views, plan))
-
-
-def _checked_window(window: tuple[slice, slice], size: tuple[int, int]) -> Window:
-    """The window as numbers."""
-    ranges = [range(length)[part] for part, length in zip(window, size, strict=True)]
-    if not all(len(each) > 0 and each.step == 1 for each in ranges):
-        got = ", ".join(f"{part.start}:{part.stop}:{part.step}" for part in window)
-        raise InputError(f"a window must have rows and columns of views of {size[0]}x{size[1]}, without steps", got=got)
-    (top, left), (height, width) = (each.start for each in ranges), map(len, ranges)
-    return Window(top, left, height, width)
+    return shift_torch.shift_and_sum(views, plan)
 
 
 SMALLEST = 32
@@ -254,6 +234,7 @@ LEAST_BLUR = 1.0
 """Least blur of a cell that counts, in pixels: copies that are nearer than one pixel do not show."""
 
 
+@has_traits("compares")
 def shift_and_sum_through_cells(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, positions: Tensor | None = None
 ) -> Tensor:

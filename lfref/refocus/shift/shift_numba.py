@@ -64,7 +64,7 @@ class Horizontal(NamedTuple):
     """Taps of the horizontal pass, `TAPS` at a time in G groups; those of weight 0 fill up the last group."""
 
     starts: Integers
-    """Position in the rows of a line (one after the other) that each tap reads for the window's first column, [N, R, G,
+    """Position in the rows of a line (one after the other) that each tap reads for the first column, [N, R, G,
     TAPS]."""
     weights: Reals
     """[N, V, G, TAPS]."""
@@ -81,7 +81,7 @@ class Horizontal(NamedTuple):
 
 
 class Vertical(NamedTuple):
-    """Taps of the vertical pass: source row y serves row y - offset of the window."""
+    """Taps of the vertical pass: source row y serves row y - offset of the planes."""
 
     offsets: Integers
     """[N, V, M]."""
@@ -107,7 +107,7 @@ class Tables(NamedTuple):
     across: Horizontal
     down: Vertical
     scale: RowFactors
-    """Factors of the sums, [N, kinds, width], and kinds, [N, height], of the window."""
+    """Factors of the sums, [N, kinds, width], and kinds, [N, height], of the planes."""
     blurred: list[RowFactors]
     """Factors of the planes when they are blurred, [N]."""
 
@@ -118,7 +118,7 @@ class RowBuffers(NamedTuple):
     rows: Reals
     """The source rows of a line, continued beyond their ends, [U, ...]."""
     total: Reals
-    """One row of sums, [width of the window, rounded up]."""
+    """One row of sums, [width rounded up]."""
     ring: Reals
     """Unfinished output rows, used in turn, those of all planes one after the other."""
     first: Integers
@@ -131,22 +131,22 @@ def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
     Args:
         views: Light fields on the CPU, floating point (half types are copied to float32), uint8 or uint16, any
             strides, [B, V, U, C, H, W].
-        plan: What is to be summed, by an interpolation of few taps; its window is the whole if planes are blurred.
+        plan: What is to be summed, by an interpolation of few taps.
 
     Returns:
-        Stacks of the window, float32 (float64 for such views), [B, N, C, height, width].
+        Stacks, float32 (float64 for such views), [B, N, C, H, W].
     """
     samples = (views if views.dtype in batches.FULL_SCALE else batches.radiance(views)).detach().numpy()
     working = np.dtype(np.float64 if views.dtype == torch.float64 else np.float32)
     tables = _tables(plan, working, batches.FULL_SCALE.get(views.dtype, 1))
     # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
-    stack = np.empty((len(views), len(plan.planes), views.shape[3], *plan.window[2:]), working)
+    stack = np.empty((len(views), len(plan.planes), views.shape[3], *plan.size), working)
     sources = [_memory(field, tables, plan) for field in samples]
     n_threads = loops.worthwhile(stack.size, 1 << 18)  # samples from which one more thread pays
     first = np.concatenate([[0], np.cumsum(tables.down.highest - tables.down.lowest + 1)])
 
     def refocus(index: int, band: tuple[int, int]) -> None:
-        width = rounded_up(plan.window.width)
+        width = rounded_up(plan.size[1])
         buffers = RowBuffers(
             rows=np.zeros((len(plan.aperture[0]), len(tables.columns)), working),
             total=np.empty(width, working),
@@ -155,7 +155,7 @@ def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
         )
         add_band(sources[index], tables.across, tables.down, tables.scale, buffers, stack[index], *band)
 
-    jobs = itertools.product(range(len(views)), loops.bands(plan.window.height, n_threads))
+    jobs = itertools.product(range(len(views)), loops.bands(plan.size[0], n_threads))
     loops.share(refocus, jobs, n_threads)
     if any(widths := [shifts.width for shifts in plan.planes]):
         footprint.box_planes(stack, widths, plan.border, tables.blurred)
@@ -175,7 +175,7 @@ def _memory(field: NDArray, tables: Tables, plan: Plan) -> ViewMemory:
     if field.dtype == direct.dtype and strides[4] == 1 and bool((is_on_view | ~counts).all()):
         u, position = np.divmod(starts, row_length)
         direct, starts = memory, position + u * strides[1]
-        last = span - int(starts.max()) - rounded_up(plan.window.width)
+        last = span - int(starts.max()) - rounded_up(plan.size[1])
     return ViewMemory(
         memory, direct, starts, last, strides, field.shape[1], tables.rows, tables.columns, plan.reach, plan.size[1]
     )
@@ -207,23 +207,19 @@ def _tables(plan: Plan, working: np.dtype, full_scale: int) -> Tables:
         scale[n, : len(own.factors)] = (1.0 if shifts.width > 0 else own.factors) / full_scale
         kinds[n] = 0 if shifts.width > 0 else own.kinds
     rows, columns = (plan.border.indices(plan.reach, length).numpy() for length in plan.size)
-    window = plan.window
-    columns = np.concatenate([columns, np.full(rounded_up(window.width) - window.width, -1)])
+    columns = np.concatenate([columns, np.full(rounded_up(width) - width, -1)])
     return Tables(
         rows,
         columns,
         _horizontal(plan, columns.size, working),
         _vertical(plan, working),
-        RowFactors(
-            np.ascontiguousarray(scale[..., window.left : window.left + window.width]),
-            np.ascontiguousarray(kinds[:, window.top : window.top + window.height]),
-        ),
+        RowFactors(scale, kinds),
         [RowFactors(own.factors.astype(working), own.kinds) for own in factors],
     )
 
 
 def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
-    aperture, (_, first, _, width), reach = np.array(plan.aperture), plan.window, plan.reach
+    aperture, width, reach = np.array(plan.aperture), plan.size[1], plan.reach
     parts = [aperture] if plan.is_separable else np.split(aperture, len(aperture))
     # The taps (u, start, weight, columns served) of every plane and line, without views and samples of weight 0.
     planes: list[list[list[tuple[int, int, float, tuple[int, int]]]]] = []
@@ -234,8 +230,8 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
             for u, shift in enumerate(columns):
                 for offset, weight in plan.interpolation.taps(shift) if part[:, u].sum() > 0 else ():
                     if weight != 0:
-                        begin, end = (min(max(x - first, 0), width) for x in plan.span(shift, 1))
-                        line.append((u, u * row_length + reach + offset + first, weight, (begin, end)))
+                        begin, end = plan.span(shift, 1)
+                        line.append((u, u * row_length + reach + offset, weight, (begin, end)))
             planes[-1].append(line)
     groups = np.array([max(-(-len(taps) // TAPS) for taps in plane) for plane in planes])
     shape = (len(planes), len(parts), groups.max(), TAPS)
@@ -260,9 +256,8 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
 def _vertical(plan: Plan, working: np.dtype) -> Vertical:
     taps = np.array([[plan.interpolation.taps(shift) for shift in shifts.rows] for shifts in plan.planes])
     is_open = np.array(plan.aperture).sum(axis=1) > 0
-    spans = np.array([[plan.span(shift, 0) for shift in shifts.rows] for shifts in plan.planes]) - plan.window.top
+    spans = np.array([[plan.span(shift, 0) for shift in shifts.rows] for shifts in plan.planes])
     offsets, weights = taps[..., 0].astype(np.int64), (taps[..., 1] * is_open[:, None]).astype(working)
-    offsets += plan.window.top
     # Offsets of taps without weight must not lengthen the ring of unfinished rows.
     offsets = np.where(weights != 0, offsets, offsets[:, :1, :1])
     begins, ends = np.ascontiguousarray(spans[..., 0]), np.ascontiguousarray(spans[..., 1])

@@ -18,19 +18,6 @@ from lfref.refocus import batches, sampling
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS, Border, Interpolation
 
 
-class Window(NamedTuple):
-    """A part of a picture, in pixels."""
-
-    top: int
-    left: int
-    height: int
-    width: int
-
-    def of(self, pictures: Tensor) -> Tensor:
-        """This part of pictures [..., H, W]."""
-        return pictures[..., self.top : self.top + self.height, self.left : self.left + self.width]
-
-
 class Shifts(NamedTuple):
     """Shifts of the views for one plane, and the blur of their sum, in pixels."""
 
@@ -53,8 +40,6 @@ class Plan(NamedTuple):
     """Height and width of a view in pixels."""
     interpolation: Interpolation
     border: Border
-    window: Window
-    """The part of the planes that is computed; the whole if planes are blurred."""
 
     @property
     def blurs(self) -> bool:
@@ -97,7 +82,6 @@ def plan(
     weights: Tensor | None = None,
     widths: Sequence[float] | None = None,
     positions: Tensor | None = None,
-    window: Window | None = None,
 ) -> Plan:
     """The plan of refocusing at slopes that `batches.checked_slopes` let pass; `widths` of boxes in pixels, [N]."""
     method, cameras = chosen("interpolation", interpolation, INTERPOLATIONS), batches.lines(grid, positions)
@@ -107,5 +91,5 @@ def plan(
         rows, *columns = (tuple([method.snap(slope * offset) for offset in line]) for line in offsets)
         shifts.append(Shifts(rows, tuple(columns), width))
     aperture = batches.checked_weights(weights, grid).reshape(cameras.shape).tolist()
-    rule, whole = chosen("border", border, BORDERS), Window(0, 0, *size)
-    return Plan(tuple(shifts), tuple(map(tuple, aperture)), size, method, rule, window or whole)
+    rule = chosen("border", border, BORDERS)
+    return Plan(tuple(shifts), tuple(map(tuple, aperture)), size, method, rule)

@@ -125,31 +125,6 @@ def test_derivatives_by_the_disparity_are_right():
         )
 
 
-@pytest.mark.parametrize("options", [{}, {"fill": 1.0}, {"border": "edge"}, {"border": "wrap"}])
-@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic", "exact"])
-@pytest.mark.parametrize(
-    ("rows", "columns"), [((0, 1), (0, 21)), ((3, 17), (5, 6)), ((16, 17), (2, 19)), ((0, 17), (20, 21))]
-)
-def test_a_window_is_that_part_of_the_whole(interpolation, options, rows, columns):
-    window = slice(*rows), slice(*columns)
-    for views in (
-        torch.rand(3, 2, 2, 17, 21),
-        (255 * torch.rand(2, 3, 1, 21, 17)).byte().mT,
-        torch.rand(2, 3, 3, 1, 17, 21),
-    ):
-        whole = shift_and_sum(views, [-2.3, 0.0, 1.7], interpolation, **options)
-        part = shift_and_sum(views, [-2.3, 0.0, 1.7], interpolation, window=window, **options)
-        assert torch.equal(part, whole[..., *window])
-
-
-@pytest.mark.parametrize(
-    "window", [(slice(0, 0), slice(None)), (slice(None), slice(13, 20)), (slice(None, None, 2), slice(None))]
-)
-def test_a_window_beyond_the_views_or_with_steps_is_refused(window):
-    with pytest.raises(InputError, match="a window must have rows and columns of views of 12x13"):
-        shift_and_sum(torch.rand(3, 3, 1, 12, 13), [0.5], window=window)
-
-
 def test_coverage_counts_the_weighted_views_with_a_sample():
     weights = torch.tensor([[1.0, 2.0, 1.0]])
     share = coverage([1.5], (1, 3), (4, 6), weights=weights)[0]
