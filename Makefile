@@ -64,7 +64,6 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python docs/scale.py
 	$(BIN)/python docs/busy.py
-	$(BIN)/python docs/prepared.py
 	$(BIN)/python docs/browsing.py
 	$(BIN)/python docs/training_speed.py
 	$(BIN)/python docs/paper_speed.py
@@ -85,9 +84,7 @@ gpu: install
 
 # The networks that ship, from nothing, in hours. The same words go on where they were interrupted.
 weights: install
-	$(BIN)/lfref prepare output="$(WEIGHTS)/set_$(shell date +%s)"
-	if [ -e "$(WEIGHTS)/run/checkpoints" ]; then $(BIN)/lfref train resume="$(WEIGHTS)/run"; \
-	else $(BIN)/lfref train experiment=refiner output="$(WEIGHTS)/run"; fi
+	$(BIN)/lfref train experiment=refiner resume=auto output="$(WEIGHTS)/run"
 	$(BIN)/python docs/weights.py learned "$(WEIGHTS)/run"
 	for label in shift_and_sum fourier_slice rendered; do \
 		$(BIN)/lfref train experiment=refnet label=$$label resume=auto output="$(WEIGHTS)/$$label" || exit 1; done
