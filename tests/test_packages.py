@@ -117,17 +117,17 @@ def test_the_library_refocuses_by_the_shipped_network_with_few_packages(missing)
         (("bench",), "pandas", "report"),
         (("info", "FIELD"), "matplotlib", "report"),
         (("refocus", "FIELD", "video=true"), "av", "video"),
-        (("refocus", "film.gif"), "av", "video"),
+        (("refocus", "film.mp4"), "av", "video"),
         (("refocus", "array.h5"), "h5py", "captures"),
         (("train", "logger=tensorboard", "experiment=demo"), "tensorboard", "tensorboard"),
         (("dashboard",), "wandb_workspaces", "dashboard"),
     ],
 )
 def test_what_needs_another_package_names_its_extra_in_one_line(field, tmp_path, words, package, extra):
-    video.write_video(tmp_path / "film.gif", [np.zeros((8, 8, 3), np.uint8)] * 9, 3)
+    video.write_video(tmp_path / "film.mp4", [np.zeros((8, 8, 3), np.uint8)] * 9, 3)
     with h5py.File(tmp_path / "array.h5", "w") as file:
         file["views"] = np.zeros((3, 3, 8, 8, 3), np.uint8)
-    places = {"FIELD": field, "film.gif": tmp_path / "film.gif", "array.h5": tmp_path / "array.h5"}
+    places = {"FIELD": field, "film.mp4": tmp_path / "film.mp4", "array.h5": tmp_path / "array.h5"}
     words = [places.get(word, word) for word in words]
     ended = run(COMMAND, package, *words, f"output={tmp_path / 'out'}")
     assert ended.returncode in (1, 2)

@@ -17,31 +17,6 @@ ROW_DISTANCES = {"square": 1.0, "hexagonal": math.sqrt(3) / 2}
 SHORTEST_PITCH = 2.0
 """Shortest pitch, in pixels: one for each of two views."""
 
-_PATH = (str, Path)
-KINDS: dict[str, tuple[str, tuple[type, ...], tuple[type, ...]]] = {
-    "views": ("a whole number or [rows,columns]", (int,), (int,)),
-    "start": ("a whole number", (int,), ()),
-    "transpose": ("true or false", (bool,), ()),
-    "reverse_v": ("true or false", (bool,), ()),
-    "reverse_u": ("true or false", (bool,), ()),
-    "pattern": ("text", (str,), ()),
-    "lenslet": ("a whole number", (int,), ()),
-    "pitch": ("pixels, one number or two numbers", (int, float), (int, float)),
-    "offset": ("two numbers", (), (int, float)),
-    "rotation": ("a number of degrees", (int, float), ()),
-    "lattice": (" or ".join(ROW_DISTANCES), (str,), ()),
-    "white": ("an image file, or a Lytro camera's calibration", _PATH, ()),
-    "size": ("[height,width] in whole pixels", (), (int,)),
-    "grid": ("[rows,columns]", (), (int,)),
-    "holes": ("true or false", (bool,), ()),
-    "axes": ("letters such as vuhwc", (str,), ()),
-    "variable": ("a name", (str,), ()),
-    "positions": ("a CSV or JSON file, or names", _PATH, ()),
-    "spacing": ("two numbers, as [1,1.1]", (), (int, float)),
-    "encoding": ("linear, srgb, gamma:EXPONENT, file or none", (str,), ()),
-}
-"""Option -> its values in words, types of a single value, and types of both values of a pair."""
-
 
 @dataclass(frozen=True)
 class ReadOptions:
@@ -75,19 +50,21 @@ class ReadOptions:
         """Options from the values that a user wrote; a pair may be a list.
 
         Raises:
-            InputError: An option cannot be used; the message names it.
+            InputError: An option cannot be used.
         """
-        for name, value in options.items():
-            expected, single, pair = KINDS[name]
-            is_pair = isinstance(value, list | tuple)
-            values, types = (value, pair) if is_pair else ([value], single)
-            # True and False are integers for Python.
-            fits = len(values) == 1 + is_pair and all(
-                isinstance(one, types) and (bool in types or not isinstance(one, bool)) for one in values
-            )
-            if not fits and not (value is None and name not in ("lenslet", "encoding")):
-                raise InputError(f"{name} (reader.{name}) must be {expected}", got=repr(value))
-        if "lenslet" in options and options["lenslet"] < 1:
+        try:
+            return cls._parsed(options)
+        except (TypeError, ValueError, IndexError) as error:
+            if isinstance(error, InputError):
+                raise
+            expected = "options of the reader must be of the kinds that lfref.read names"
+            raise InputError(
+                expected, got=", ".join(f"{name}={value!r}" for name, value in options.items() if value)
+            ) from error
+
+    @classmethod
+    def _parsed(cls, options: dict[str, Any]) -> "ReadOptions":
+        if options.get("lenslet", LENSLET) < 1:
             raise InputError("lenslet (reader.lenslet) must be at least 1 pixel", got=options["lenslet"])
         lattice, rotation, pitch = (options.get(name) for name in ("lattice", "rotation", "pitch"))
         if lattice is not None:

@@ -3,14 +3,13 @@
 The pictures of a film are the views of one row, or of a grid, row by row. PyAV decodes them (FFmpeg); animated WebP is
 decoded by OpenImageIO, because FFmpeg cannot do it.
 
-What is written is MP4 that every browser plays, and GIF with a palette of its own. An MP4 is H.264 in 4:2:0 with even
-sides; its colours are converted and labelled by BT.709. It is written frame by frame, with one frame in memory at a
-time. A GIF has 256 colours, chosen from all of its frames, and repeats for ever. A film never replaces a file.
+What is written is MP4 that every browser plays: H.264 in 4:2:0 with even sides, its colours converted and labelled by
+BT.709, frame by frame, with one frame in memory at a time.
 """
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,8 +42,6 @@ UNLABELLED = 2
 """Number of H.273 for colours without a label."""
 HD_HEIGHT = 720
 """Height in pixels from which players take colours without a label for those of BT.709, and for BT.601 below."""
-GIF_SIDE = 640
-"""Largest length of a GIF's longer side, in pixels: a GIF hardly compresses."""
 X264 = {"crf": "16", "preset": "medium"}
 BT709 = {"color_primaries": 1, "color_trc": 1, "colorspace": 1, "color_range": 1}
 """Colour properties of BT.709, as numbers of H.273; the range is that of television."""
@@ -151,18 +148,18 @@ def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) ->
     """Write a film.
 
     Args:
-        path: A file, `.mp4` or `.gif`; missing parent folders are created.
-        frames: Pictures encoded for the screen, RGB, uint8, all of one shape [H, W, 3]. MP4 repeats the last row or
-            column of an odd side; a GIF is at most `GIF_SIDE` pixels long and wide.
-        rate: Frames a second, from 0.01 to 100; a GIF rounds each frame's time to 1/100 s.
+        path: A file `.mp4`; missing parent folders are created.
+        frames: Pictures encoded for the screen, RGB, uint8, all of one shape [H, W, 3]. The last row or column of an
+            odd side is repeated.
+        rate: Frames a second, from 0.01 to 100.
 
     Example:
         >>> frames = [np.full((32, 48, 3), level, np.uint8) for level in (0, 128, 255)]
         >>> write_video("fade.mp4", frames)
     """
     path = Path(path)
-    if path.suffix.lower() not in WRITERS:
-        raise InputError(f"{path} must end in {' or '.join(WRITERS)}", remedy="choose another suffix")
+    if path.suffix.lower() != ".mp4":
+        raise InputError(f"{path} must end in .mp4", remedy="choose another suffix")
     if not 0.01 <= rate <= 100:
         raise InputError("rate must be from 0.01 to 100 frames a second", got=rate)
     with atomic.replacing(path) as partial:
@@ -193,10 +190,9 @@ def _write(partial: Path, path: Path, frames: Iterator[Frame], rate: Fraction) -
         import av  # takes a third of a second to import
 
     try:
-        write, options = WRITERS[path.suffix.lower()]
-        with av.open(str(partial), "w", options=options) as container:
+        with av.open(str(partial), "w", options={"movflags": "faststart"}) as container:
             container.metadata["comment"] = "lfref"
-            write(container, frames, rate)
+            _write_mp4(container, frames, rate)
     except av.FFmpegError as error:
         reason = first_line(error)
         raise FileError(f"{path} cannot be written", got=reason, remedy="check the folder and the disk") from error
@@ -215,55 +211,7 @@ def _write_mp4(container: "av.container.OutputContainer", frames: Iterator[Frame
     container.mux(stream.encode())
 
 
-def _write_gif(container: "av.container.OutputContainer", frames: Iterator[Frame], rate: Fraction) -> None:
-    paletted = list(_paletted(list(frames)))
-    stream: Any = container.add_stream("gif", rate=rate)
-    stream.width, stream.height, stream.pix_fmt = paletted[0].width, paletted[0].height, "pal8"
-    for index, frame in enumerate(paletted):
-        frame.pts, frame.time_base = index, 1 / rate
-        container.mux(stream.encode(frame))
-    container.mux(stream.encode())
-
-
-def _paletted(frames: Frames) -> Iterator["av.VideoFrame"]:
-    """The frames in the 256 colours that suit all of them best, at most `GIF_SIDE` pixels long."""
-    import av
-
-    factor = min(1.0, GIF_SIDE / max(frames[0].shape))
-    height, width = (max(1, round(factor * side)) for side in frames[0].shape[:2])
-    graph = av.filter.Graph()
-    full_height, full_width = frames[0].shape[:2]
-    source = graph.add_buffer(None, full_width, full_height, av.VideoFormat("rgb24"), time_base=Fraction(1))
-    steps = {
-        "scale": f"{width}:{height}:flags=lanczos", "split": "", "palettegen": "stats_mode=full",
-        "paletteuse": "dither=bayer:bayer_scale=4", "buffersink": "",
-    }  # fmt: skip
-    scale, split, generate, use, sink = (graph.add(name, options) for name, options in steps.items())
-    source.link_to(scale)
-    scale.link_to(split)
-    split.link_to(use, 0, 0)
-    split.link_to(generate, 1, 0)
-    generate.link_to(use, 0, 1)
-    use.link_to(sink)
-    graph.configure()
-    for index, frame in enumerate(_frames(frames)):
-        frame.pts, frame.time_base = index, Fraction(1)
-        source.push(frame)
-    source.push(None)
-    for _ in frames:
-        yield sink.pull()  # type: ignore[misc]
-
-
 def _frames(frames: Iterable[Frame]) -> Iterator["av.VideoFrame"]:
     import av
 
     return (av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24") for frame in frames)
-
-
-WRITERS: dict[
-    str, tuple[Callable[["av.container.OutputContainer", Iterator[Frame], Fraction], None], dict[str, str]]
-] = {
-    ".mp4": (_write_mp4, {"movflags": "faststart"}),
-    ".gif": (_write_gif, {}),
-}
-"""Suffix -> function that writes frames into an open container, and options of the container."""

@@ -149,8 +149,7 @@ def _points(folder: Path, refocused: Refocused) -> None:
 def _sweep(folder: Path, refocused: Refocused) -> None:
     frames = [_bytes(refocused.encoded(refocused.shown[n])) for n in refocused.by_slope]
     rate = min(max(len(frames) / SWEEP_SECONDS, FRAME_RATES[0]), FRAME_RATES[1])
-    for suffix in video.WRITERS:
-        video.write_video(folder / f"sweep{suffix}", video.there_and_back(frames), rate)
+    video.write_video(folder / "sweep.mp4", video.there_and_back(frames), rate)
 
 
 def _bytes(shown: NDArray[np.float32]) -> NDArray[np.uint8]:

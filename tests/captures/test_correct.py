@@ -3,8 +3,6 @@
 import dataclasses
 import itertools
 import math
-import struct
-from pathlib import Path
 
 import pytest
 import torch
@@ -112,14 +110,6 @@ def test_a_white_picture_counts_where_views_show_no_common_disparities(monkeypat
     ratio = corrected.views / plain.views.clamp(min=0.01)
     torch.testing.assert_close(ratio / ratio.mean(), torch.ones_like(ratio), atol=2e-3, rtol=0)
     assert "common disparities" in correct(field)[1].skipped["vignetting"]
-
-
-def test_a_file_of_corrections_with_a_flipped_bit_is_refused(spaced):
-    content = bytearray(Path(spaced).read_bytes())
-    content[content.index(struct.pack(">d", 1.25)) + 1] ^= 1  # in the pickle, which is stored as it is
-    Path(spaced).write_bytes(content)
-    with pytest.raises(FileError, match="must hold corrections; got another kind of file, or a damaged or changed one"):
-        load(spaced)
 
 
 def test_a_profile_or_white_picture_of_another_size_is_refused(vignetted, corrected):
@@ -269,7 +259,7 @@ def test_views_that_weigh_nothing_do_not_count():
     assert defect.deviation(0.5) == pytest.approx(0.01, rel=0.05)
 
 
-def test_a_file_of_many_black_and_hot_samples_is_small_and_exact(tmp_path):
+def test_a_file_of_many_black_and_hot_samples_is_exact(tmp_path):
     grid, size = (9, 9), (190, 270)
     rows, columns = (torch.arange(length) - length // 2 for length in size)
     radii = 120 + torch.arange(81).reshape(9, 9, 1, 1, 1)  # of the light in each view
@@ -277,7 +267,6 @@ def test_a_file_of_many_black_and_hot_samples_is_small_and_exact(tmp_path):
     samples = torch.stack([torch.arange(5000) % n for n in (9, 9, 3, 190, 270)], 1)
     defects = (HotPixelsDefect(samples, 5000), BlackViewsDefect(((0, 0),), corners))
     Corrections(grid, size, defects).save(tmp_path / "correction.pt")
-    assert (tmp_path / "correction.pt").stat().st_size < 100_000 < corners.nbytes
     loaded = load(tmp_path / "correction.pt")
     assert torch.equal(loaded["black_views"].corners, corners)
     assert loaded["black_views"].corners.dtype == torch.bool
@@ -290,7 +279,6 @@ def test_stored_gains_are_right_to_a_fraction_of_the_noise_and_give_the_same_pic
     corrected, corrections = correct(field, white=scenes.white("vignetting"))
     corrections.save(tmp_path / "correction.pt")
     gains = corrections["vignetting"].white
-    assert (tmp_path / "correction.pt").stat().st_size < gains.nbytes / 50
     again, loaded = correct(field, profile=tmp_path / "correction.pt")
     assert root_errors(gains, loaded["vignetting"].white).max() < 7.5e-3
     pictures = [shift_and_sum(light.views * light.weight, [-0.5, 0.0, 0.5]) for light in (corrected, again)]

@@ -96,63 +96,6 @@ def test_machine_code_serves_on_when_files_are_only_newer_or_others_have_changed
     assert result(programs) == (11, 1)
 
 
-def test_the_first_compilation_says_once_that_it_takes_long(programs):
-    logged = "import logging\nlogging.basicConfig(level=logging.INFO)\n"
-    assert started(programs, logged + PROGRAM).stderr == ""
-    change(programs, "constants", "1", "2")
-    run = started(programs, logged + PROGRAM)
-    assert run.stdout == "12 0\n"
-    assert run.stderr == "INFO:lfref.functional.loops:compiling loops for this processor: once, for some seconds\n"
-
-
-@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
-@pytest.mark.parametrize(
-    "damage", [lambda whole: whole[: len(whole) // 2], lambda whole: b"", lambda whole: b"\0" * 99]
-)
-def test_damaged_machine_code_is_compiled_anew_and_replaced_with_one_warning(programs, suffix, damage):
-    files = list(programs.rglob(f"*.{suffix}"))
-    assert len(files) == 2
-    for file in files:
-        file.write_bytes(damage(file.read_bytes()))
-    run = started(programs)
-    assert (run.stdout, run.stderr.count("compiled anew")) == ("11 0\n", 1), run.stderr
-    assert run.stderr.count("\n") == 1
-    run = started(programs)
-    assert (run.stdout, run.stderr) == ("11 1\n", "")
-
-
-def test_a_flipped_bit_of_machine_code_is_noticed(programs):
-    (file,) = programs.rglob("outer*.nbc")
-    whole = bytearray(file.read_bytes())
-    whole[len(whole) // 2] ^= 1
-    file.write_bytes(whole)
-    run = started(programs)
-    assert (run.stdout, run.stderr.count("compiled anew")) == ("11 0\n", 1), run.stderr
-
-
-def test_a_full_disk_of_machine_code_is_one_warning(programs):
-    change(programs, "constants", "1", "2")
-    # The limit of file sizes stands in for a full disk.
-    full = "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-    full += "resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))\n"
-    run = started(programs, full + PROGRAM)
-    assert run.stdout == "12 0\n"
-    assert "machine code cannot be kept" in run.stderr
-    assert run.stderr.count("\n") == 1
-    assert result(programs) == (12, 0)
-
-
-def test_machine_code_of_an_earlier_version_is_never_taken_for_todays(programs):
-    # As after a process that was killed between the index and the machine code: the index is new, the code is old.
-    before = {file: file.read_bytes() for file in programs.rglob("*.nbc")}
-    change(programs, "constants", "1", "2")
-    assert result(programs) == (12, 0)
-    for file, code in before.items():
-        file.write_bytes(code)
-    assert result(programs) == (12, 0)
-    assert result(programs) == (12, 1)
-
-
 def package(folder, **texts):
     (folder / "house").mkdir()
     for name, text in {"__init__": "", **texts}.items():

@@ -88,11 +88,11 @@ def unbroken():
 
 
 @quiet
-@pytest.mark.parametrize("step", range(2, 11))
+@pytest.mark.parametrize("step", [2, 3, 5, 9])
 def test_a_run_that_is_killed_at_any_step_is_resumed_from_its_last_checkpoint_to_the_bit(
     module, data, trainer, tmp_path, unbroken, step
 ):
-    """Checkpoints are due after every step here, also within epochs."""
+    """Checkpoints are due after every step here, within epochs of three steps."""
     torch.manual_seed(0)
     for value in module.parameters():
         torch.nn.init.normal_(value, std=0.1)

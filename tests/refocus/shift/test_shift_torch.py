@@ -5,7 +5,7 @@ import torch
 
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.shift import shift_torch
-from lfref.refocus.shift.shift_plan import Plan, Shifts, Window
+from lfref.refocus.shift.shift_plan import Plan, Shifts
 from lfref.refocus.shift.shift_torch import SEAM
 from tests.refocus.conftest import dirichlet
 
@@ -14,7 +14,7 @@ def planned(view, name, border, shift):
     """The plan of shifting one view."""
     shifts = Shifts((INTERPOLATIONS[name].snap(shift),), ((INTERPOLATIONS[name].snap(shift),),))
     size = view.shape[-2:]
-    return Plan((shifts,), ((1.0,),), size, INTERPOLATIONS[name], BORDERS[border], Window(0, 0, *size))
+    return Plan((shifts,), ((1.0,),), size, INTERPOLATIONS[name], BORDERS[border])
 
 
 def read(view, name, border, shift, axis=-1, start=0.0):
