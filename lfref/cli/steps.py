@@ -26,7 +26,7 @@ from lfref.cli import config as configs
 from lfref.cli.command import log, paths, progress, stages
 from lfref.errors import FileError, InputError, LfrefError, counted, first_line, printable
 from lfref.geometry import FocalPlanes
-from lfref.io import atomic, images, memory_limit, view_folders
+from lfref.io import atomic, images, samples, view_folders
 from lfref.io import read as reader
 from lfref.io import run as runs
 from lfref.lightfield import LightField
@@ -176,7 +176,7 @@ def check_memory(field: LightField, planes: Planes, refocusers: Sequence[Refocus
     n_weights = 0 if field.weight is None else field.weight.numel()
     n_views = field.views.numel() + n_weights
     n_stack = field.views.numel() // math.prod(field.grid) * n_planes
-    memory_limit.check(4 * (COPIES * n_views + (len(refocusers) + 1) * n_stack), f"{field.name} and its planes")
+    samples.check_memory(4 * (COPIES * n_views + (len(refocusers) + 1) * n_stack), f"{field.name} and its planes")
 
 
 def process(fields: Mapping[str, Path], steps: Mapping[str, Step], what: str) -> None:

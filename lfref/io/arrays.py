@@ -9,7 +9,6 @@ Toolbox's `LF` [t, s, v, u, c] is `vuhwc` here.
 Each format has a module of its own.
 """
 
-import itertools
 import math
 import zipfile
 from collections.abc import Callable, Iterator
@@ -23,8 +22,8 @@ from numpy.typing import NDArray
 
 from lfref import extras
 from lfref.errors import FileError, InputError, LfrefError, first_line
-from lfref.io import atomic, memory_limit
-from lfref.io.options import ReadOptions
+from lfref.io import images, samples
+from lfref.io.samples import ReadOptions, Samples
 
 ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", "nhwc", "nchw", "hwcn")
 """Axes that are tried where the option `axes` is not set."""
@@ -70,16 +69,10 @@ def _open_mat(path: Path) -> Iterator[list[StoredArray]]:
     """Open a MAT file of MATLAB 5 to 7."""
     from scipy import io  # slow to import: only those who read MAT files wait for it
 
-    others = ("struct", "cell", "object", "char", "function", "opaque", "sparse", "unknown")
-
     def load(name: str) -> NDArray:
         return np.asarray(io.loadmat(path, variable_names=[name])[name])
 
-    yield [
-        StoredArray(name, tuple(shape), partial(load, name))
-        for name, shape, kind in io.whosmat(path)
-        if kind not in others
-    ]
+    yield [StoredArray(name, tuple(shape), partial(load, name)) for name, shape, kind in io.whosmat(path)]
 
 
 @contextmanager
@@ -89,8 +82,8 @@ def _open_mat_73(path: Path) -> Iterator[list[StoredArray]]:
     def transposed(load: Callable[[], NDArray]) -> NDArray:
         return load().T
 
-    with _open_hdf5(path) as arrays:
-        yield [StoredArray(name, shape[::-1], partial(transposed, load)) for name, shape, load in arrays]
+    with _open_hdf5(path) as stored:
+        yield [StoredArray(name, shape[::-1], partial(transposed, load)) for name, shape, load in stored]
 
 
 @contextmanager
@@ -103,23 +96,11 @@ def _open_hdf5(path: Path) -> Iterator[list[StoredArray]]:
     def visit(name: str, item: Any) -> None:
         # An external dataset would read any file that the header names.
         if isinstance(item, h5py.Dataset) and item.shape and not (item.external or item.is_virtual):
-            arrays.append(StoredArray(name, item.shape, lambda: _whole_dataset(item)))
+            arrays.append(StoredArray(name, item.shape, lambda: np.asarray(item[()])))
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
         yield arrays
-
-
-def _whole_dataset(dataset: Any) -> NDArray:
-    """All samples of an HDF5 array; the library would read 0 for chunks that a damaged index has lost."""
-    if dataset.chunks is not None:
-        stored: set[tuple[int, ...]] = set()
-        dataset.id.chunk_iter(lambda chunk: stored.add(chunk.chunk_offset))
-        steps = zip(dataset.shape, dataset.chunks, strict=True)
-        lost = set(itertools.product(*(range(0, length, step) for length, step in steps))) - stored
-        if lost:
-            raise ValueError(f"{len(lost)} pieces of {dataset.name} are missing")
-    return np.asarray(dataset[()])
 
 
 OPENERS: dict[bytes, Callable[[Path], AbstractContextManager[list[StoredArray]]]] = {
@@ -135,21 +116,18 @@ OPENERS: dict[bytes, Callable[[Path], AbstractContextManager[list[StoredArray]]]
 @contextmanager
 def open_arrays(path: Path) -> Iterator[list[StoredArray]]:
     """The arrays of a file, not loaded yet; damage raises a `FileError`, also when the `with` block loads an array."""
+    head = images.read_head(path)
+    opener = next((opener for magic, opener in OPENERS.items() if head.startswith(magic)), None)
+    if opener is None:
+        raise FileError(f"{path} must be an array", got="another kind of file", remedy="convert it")
     try:
-        with atomic.file_errors(path, "read"):
-            with path.open("rb") as file:
-                head = file.read(16)
-            opener = next((opener for magic, opener in OPENERS.items() if head.startswith(magic)), None)
-            if opener is None:
-                raise FileError(f"{path} must be an array", got="another kind of file", remedy="convert it")
-            with opener(path) as arrays:
-                yield arrays
+        with opener(path) as arrays:
+            yield arrays
     except LfrefError:
         raise
+    # Libraries raise any error for a foreign file.
     except Exception as error:
-        holds_objects = isinstance(error, ValueError) and ("pickle" in str(error) or "Python objects" in str(error))
-        remedy = "store plain numbers" if holds_objects else "the file may be damaged: copy it again"
-        raise FileError(f"{path} cannot be decoded", got=first_line(error), remedy=remedy) from error
+        raise images.damaged(path, first_line(error)) from error
 
 
 def holds_views(path: Path) -> bool:
@@ -159,17 +137,19 @@ def holds_views(path: Path) -> bool:
     return True  # decoding says what is wrong
 
 
-def decode_array(path: Path, options: ReadOptions) -> NDArray:
-    """The chosen views of an array file: uint8, uint16 or float32, weight as the last channel, [V, U, C, H, W]."""
+def decode_array(path: Path, options: ReadOptions) -> Samples:
+    """The chosen views of an array file."""
     with open_arrays(path) as arrays:
         array = _chosen(arrays, options.variable, path)
         axes = options.axes or _likely_axes(array, path)
         _check(array, axes, path)
         # A sample takes at least one byte as stored, and four as light; a damaged header may name any size.
-        memory_limit.check(5 * math.prod(array.shape), str(path))
+        samples.check_memory(5 * math.prod(array.shape), str(path))
         stored = array.load()
     views = arranged(stored, axes, options.grid, path)
-    return _radiances(views[options.window(views.shape[:2], path)], path)
+    chosen = _radiances(views[options.window(views.shape[:2], path)], path)
+    colours, weight = samples.split_weight(chosen, axis=2)
+    return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(chosen)))
 
 
 def _chosen(arrays: list[StoredArray], name: str | None, path: Path) -> StoredArray:
@@ -179,10 +159,8 @@ def _chosen(arrays: list[StoredArray], name: str | None, path: Path) -> StoredAr
     if len(fitting) == 1 or len(usual) == 1:
         return (usual or fitting)[0]
     listed = ", ".join(f"{one.name} {_times(one.shape)}" for one in arrays[:8]) or "none"
-    if name is not None:
-        raise InputError(f"{path} must hold the array {name}", got=listed, remedy="set reader.variable")
-    remedy = "set reader.variable to one of them" if fitting else "give an array of 4 or 5 axes"
-    raise FileError(f"{path} must hold one array of 4 or 5 axes", got=listed, remedy=remedy)
+    expected = f"{path} must hold one array of 4 or 5 axes" if name is None else f"{path} must hold the array {name}"
+    raise FileError(expected, got=listed, remedy="set reader.variable to one of 4 or 5 axes")
 
 
 def _likely_axes(array: StoredArray, path: Path) -> str:
@@ -204,18 +182,12 @@ def _likely_axes(array: StoredArray, path: Path) -> str:
 
 def _check(array: StoredArray, axes: str, path: Path) -> None:
     """Refuse axes that no light field has or that do not fit the array, and empty arrays."""
-    named = set(axes)
-    views = named & set("vun")
-    if len(named) < len(axes) or not set("hw") <= named <= set("vunhwc") or views not in ({"v", "u"}, {"n"}):
-        expected = "axes (reader.axes) must be v u (or n), h, w and perhaps c, each once"
-        raise InputError(expected, got=repr(axes), remedy="for example vuhwc")
-    if len(axes) != len(array.shape):
-        got = f"{array.name} of shape {_times(array.shape)}"
-        raise InputError(f"{path} must have the axes {axes}", got=got, remedy="set reader.axes")
-    channels = array.shape[axes.index("c")] if "c" in axes else 1
-    if not 1 <= channels <= 4 or 0 in array.shape:
-        got = f"shape {_times(array.shape)} as {axes}"
-        raise InputError(f"{path} must hold 1 to 4 channels and no empty axis", got=got, remedy="set reader.axes")
+    named, channels = set(axes), dict(zip(axes, array.shape, strict=False)).get("c", 1)
+    is_known = named & set("vun") in ({"v", "u"}, {"n"}) and set("hw") <= named <= set("vunhwc")
+    is_known = is_known and len(named) == len(axes) == len(array.shape)
+    if not is_known or not 1 <= channels <= 4 or 0 in array.shape:
+        expected = f"{path} must have the axes v u (or n), h, w and perhaps c of 1 to 4 channels, none of them empty"
+        raise InputError(expected, got=f"shape {_times(array.shape)} as {axes}", remedy="set reader.axes, as vuhwc")
 
 
 def arranged(stored: NDArray, axes: str, shape: tuple[int, int] | None, path: Path) -> NDArray:
@@ -241,13 +213,12 @@ def _radiances(views: NDArray, path: Path) -> NDArray:
     if views.dtype.kind != "f":
         expected = f"{path} must hold uint8, uint16 or floating point"
         raise FileError(expected, got=views.dtype, remedy="convert it")
-    samples = views.astype(np.float32)
-    if not np.isfinite(samples).all():
-        raise FileError(f"{path} must hold finite values", got="NaN or infinity", remedy="render or convert it again")
-    if (largest := float(samples.max())) > 1 and not np.any(samples % 1):
+    light = views.astype(np.float32)
+    images.check_finite(light, path)
+    if (largest := float(light.max())) > 1 and not np.any(light % 1):
         remedy = "store it as uint8 or uint16, or divide it by its full scale"
         raise FileError(f"{path} must hold floats in [0, 1]", got=f"whole numbers up to {largest:g}", remedy=remedy)
-    return samples
+    return light
 
 
 def _times(shape: tuple[int, ...]) -> str:

@@ -1,7 +1,7 @@
 """Writing that never leaves half a file: a hidden name beside the target, fsync, rename.
 
 A killed process leaves the old file as it was, and perhaps a hidden `.NAME.partial-*` beside it. An error of the
-operating system becomes a `FileError` of one line, which names the file, the reason and the remedy.
+operating system becomes a `FileError` of one line.
 """
 
 import errno
@@ -14,19 +14,6 @@ from pathlib import Path
 
 from lfref.errors import FileError, LfrefError
 
-REMEDIES = {
-    errno.ENOENT: "check the spelling of the path",
-    errno.ENOTDIR: "a parent of it is a file: choose another folder",
-    errno.EEXIST: "a file stands where a folder is needed: choose another path",
-    errno.EISDIR: "a folder stands where a file is needed: choose another path",
-    errno.EACCES: "ask for the permission, or choose another folder",
-    errno.EPERM: "ask for the permission, or choose another folder",
-    errno.EROFS: "choose a folder on a disk that can be written",
-    errno.ENOSPC: "free some space, or choose another disk",
-    errno.EFBIG: "ask for a larger limit, or choose another disk",
-    errno.ENAMETOOLONG: "choose a shorter name",
-}
-
 
 @contextmanager
 def file_errors(path: Path, action: str) -> Iterator[None]:
@@ -36,10 +23,8 @@ def file_errors(path: Path, action: str) -> Iterator[None]:
     except LfrefError:
         raise
     except OSError as error:
-        remedy = REMEDIES.get(error.errno or 0, "check the disk and the permissions")
-        raise FileError(
-            f"{path} cannot be {action}", got=(error.strerror or str(error)).lower(), remedy=remedy
-        ) from error
+        got, remedy = (error.strerror or str(error)).lower(), "check the path, the permissions and the disk"
+        raise FileError(f"{path} cannot be {action}", got=got, remedy=remedy) from error
 
 
 def partial_files(folder: Path) -> list[Path]:
@@ -88,8 +73,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 @contextmanager
 def filling_folder(path: str | Path) -> Iterator[Path]:
-    """Fill a new folder under a temporary name, which it loses only if the body succeeds; a folder that is there is
-    filled itself, and keeps its other files.
+    """Fill a new folder under a temporary name, which it loses if the body succeeds; one that exists is filled itself.
 
     The body must flush its files.
     """
@@ -99,11 +83,8 @@ def filling_folder(path: str | Path) -> Iterator[Path]:
         return
     partial = _partial_name(path)
     with file_errors(path, "written"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists():
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
         try:
-            partial.mkdir()
+            partial.mkdir(parents=True)
             yield partial
             _flush(partial)
             partial.rename(path)

@@ -7,7 +7,6 @@ Else x and y are pixels from the centre of the picture, and z is the disparity a
 A PFM file is one picture of 32-bit floats, the usual form of maps in data sets: a text header (`Pf` grey or `PF`
 colour, width and height, a scale whose sign tells the byte order), then the rows from the bottom up.
 Sources of the formats: Turk, "The PLY Polygon File Format", 1994; Debevec's description of PFM.
-This module stands apart from the writers of results, since other programs define these formats.
 """
 
 import re
@@ -21,7 +20,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.errors import FileError, InputError
 from lfref.io import atomic, images
 
 RELIEF = 0.25
@@ -39,16 +37,19 @@ COLOURS = ("red", "green", "blue")
 
 @dataclass(frozen=True)
 class Cameras:
-    """Pinhole cameras in a plane, an equal step apart, all focused on (or cropped to) one depth."""
+    """Pinhole cameras in a plane, an equal step apart, all focused on (or cropped to) one depth.
+
+    Attributes:
+        focal_length: In longer sides of the picture.
+        baseline: Distance from one view to the next, in metres.
+        focus: Depth at which disparity is 0, in metres.
+        size: Height and width of uncropped pictures (maps are their top left corner); None: size of the maps.
+    """
 
     focal_length: float
-    """Focal length, in longer sides of the picture."""
     baseline: float
-    """Distance from one view to the next, in metres."""
     focus: float
-    """Depth at which disparity is 0, in metres."""
     size: tuple[int, int] | None = None
-    """Height and width of uncropped pictures in pixels (maps are their top left corner); None: size of the maps."""
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> "Cameras | None":
@@ -93,8 +94,6 @@ def points(nearness: Tensor, chosen: Tensor, cameras: Cameras | None = None) -> 
             out.
         cameras: The cameras of the light field; None if unknown.
     """
-    if nearness.ndim != 2 or nearness.shape != chosen.shape:
-        raise InputError("nearness and chosen must be [H, W]", got=f"{list(nearness.shape)}, {list(chosen.shape)}")
     near = nearness.double()
     pixels = chosen.bool() & near.isfinite()
     # The optical axis passes through the middle of uncropped pictures.
@@ -133,14 +132,8 @@ def write_points(
         >>> write_points("corner.ply", np.zeros((1, 3)), np.zeros((1, 3), np.uint8), comments=["unit: metre"])
     """
     path, others = Path(path), dict(others or {})
-    if path.suffix.lower() != ".ply":
-        raise InputError(f"{path} must end in .ply", remedy="choose another suffix")
     columns = {name: positions[:, axis] for axis, name in enumerate("xyz")} | others
     n_points = len(positions)
-    if colours.shape != (n_points, 3) or any(values.shape != (n_points,) for values in columns.values()):
-        raise InputError(f"points of {path} must have three coordinates, three colours, and one value of each kind")
-    if not all(np.isfinite(values).all() for values in columns.values()):
-        raise InputError(f"values for {path} must be finite", got="NaN or infinity", remedy="leave such points out")
     # Colours come before properties that only some programs read.
     fields = [(name, "<f4") for name in "xyz"] + [(name, "u1") for name in COLOURS] + [(name, "<f4") for name in others]
     table = np.empty(n_points, fields)
@@ -180,13 +173,11 @@ def read_pfm(path: str | Path) -> NDArray[np.float32]:
         contents = path.read_bytes()
     header = HEADER.match(contents)
     if header is None:
-        raise FileError(f"{path} must be a PFM file", got="no such header", remedy="copy or convert it again")
+        raise images.damaged(path, "no header of a PFM file")
     width, height, n_channels = int(header[2]), int(header[3]), 1 if header[1] == b"f" else 3
     data = memoryview(contents)[header.end() :]
-    expected = 4 * width * height * n_channels
-    if expected == 0 or len(data) != expected:
-        got = f"{len(data)} bytes for {width}x{height} pixels of {4 * n_channels}"
-        raise FileError(f"{path} must hold as many pixels as it says", got=got, remedy="copy it again")
+    if not len(data) == 4 * width * height * n_channels > 0:
+        raise images.damaged(path, f"{len(data)} bytes for {width}x{height} pixels of {4 * n_channels}")
     order = "<" if header[4].startswith(b"-") else ">"
     rows = np.frombuffer(data, f"{order}f4").reshape(height, width, n_channels)
     return np.ascontiguousarray(rows[::-1], dtype=np.float32)
@@ -205,18 +196,13 @@ def read_hci_disparity(path: str | Path) -> Tensor:
         >>> disparity_files.read_hci_disparity("gt_disp_lowres.pfm").unique()
         tensor([-1.5000])
     """
-    values = read_pfm(path)
-    if values.shape[2] != 1:
-        raise FileError(f"{path} must be a grey PFM file", got="colours", remedy="give gt_disp_lowres.pfm")
-    return -torch.from_numpy(values[..., 0])
+    return -torch.from_numpy(read_pfm(path)[..., 0])
 
 
 def write_pfm(path: str | Path, values: NDArray) -> None:
     """Write a PFM file, all of it or nothing: finite values, top row first, [H, W] or [H, W, C] with C 1 or 3."""
     path = Path(path)
     picture = values[..., None] if values.ndim == 2 else values
-    if picture.ndim != 3 or picture.shape[2] not in LETTERS or 0 in picture.shape:
-        raise InputError(f"a picture for {path} must be [H, W] or [H, W, 1 or 3]", got=f"shape {values.shape}")
     samples = images.quantised(picture, "float", path)
     height, width, n_channels = samples.shape
     with atomic.replacing(path) as partial:

@@ -12,16 +12,16 @@ import numpy as np
 import OpenImageIO
 from numpy.typing import NDArray
 
-from lfref.errors import FileError
-from lfref.geometry import FocalPlanes, planes_at_alphas
-from lfref.io import grid, images
-from lfref.io.options import ReadOptions
+from lfref.errors import FileError, first_line
+from lfref.geometry import FocalPlanes
+from lfref.io import images, samples
+from lfref.io.samples import Cell, ReadOptions, Samples
 
 VIEW = re.compile(r"view_(\d+)_(\d+)")
 PLANE = re.compile(r"plane_(\d+)")
 
 
-def _view_name(cell: grid.Cell) -> str:
+def _view_name(cell: Cell) -> str:
     return f"view_{cell[0]:02d}_{cell[1]:02d}"
 
 
@@ -50,20 +50,17 @@ def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
     images.write_parts(path, parts, bits)
 
 
-def decode_views(path: Path, options: ReadOptions) -> NDArray:
-    """The chosen views of a light field, float32, [V, U, C, H, W]."""
+def decode_views(path: Path, options: ReadOptions) -> Samples:
+    """The chosen views of a light field, float32."""
     with images.open_image(path) as source:
         cells = {(row, column): part for (row, column), part in _numbered_parts(source, VIEW).items()}
         if not cells:
             raise FileError(f"{path} must hold parts named view_RR_CC", remedy="write it with lfref.write")
-        stored = grid.Grid(grid.extent(cells), cells)
-        grid.check_holes(stored, _view_name, path, options.holes)
-        return grid.gather(
-            stored,
-            options.window(stored.shape, path),
-            lambda part: images.read_part(source, path, part),
-            lambda part: f"{path}:{part}",
-        )
+        shape = samples.extent(cells)
+        samples.check_holes(cells, shape, _view_name, path, options.holes)
+        window = options.window(shape, path)
+        colours, weight = samples.gather(cells, window, lambda part: images.read_part(source, path, part))
+    return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(colours)))
 
 
 def write_planes(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | None = None) -> None:
@@ -81,22 +78,14 @@ def write_planes(path: Path, stack: NDArray, planes: FocalPlanes, bits: int | No
 def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
     """A refocused stack, float32, [N, C, H, W], and its planes."""
     with images.open_image(path) as source:
-        cells = {(0, index): part for (index,), part in _numbered_parts(source, PLANE).items()}
-        if not cells:
-            raise FileError(f"{path} must hold parts named plane_NN", remedy="write it with lfref.io.write.write_stack")
-        stored = grid.Grid(grid.extent(cells), cells)
-        grid.check_holes(stored, lambda cell: f"plane_{cell[1]:02d}", path, allowed=False)
-        specs = [source.spec(cells[0, index]) for index in range(len(cells))]
-        window = slice(0, 1), slice(0, len(cells))
-        stack = grid.gather(
-            stored, window, lambda part: images.read_part(source, path, part), lambda part: f"{path}:{part}"
-        )
-    convention = specs[0].getattribute("convention")
-    # lfref 0.1 wrote slopes as numbers, which EXR rounded; its alphas are exact.
-    has_exact_slopes = all(isinstance(spec.getattribute("slope"), str) for spec in specs)
-    try:
-        values = [float(str(spec.getattribute("slope" if has_exact_slopes else "alpha"))) for spec in specs]
-        planes = FocalPlanes(values, convention) if has_exact_slopes else planes_at_alphas(values, str(convention))
-    except ValueError as error:
-        raise FileError(f"{path} must say the slope of each plane", got=error, remedy="write it again") from error
-    return stack[0], planes
+        parts = [part for _, part in sorted(_numbered_parts(source, PLANE).items())]
+        try:
+            stack = np.stack([images.read_part(source, path, part).transpose(2, 0, 1) for part in parts])
+            specs = [source.spec(part) for part in parts]
+            slopes = [float(spec.getattribute("slope")) for spec in specs]
+            return stack, FocalPlanes(slopes, specs[0].getattribute("convention"))
+        except (TypeError, ValueError) as error:
+            expected = f"{path} must hold parts named plane_NN, each with its slope"
+            raise FileError(
+                expected, got=first_line(error), remedy="write it with lfref.io.write.write_stack"
+            ) from error

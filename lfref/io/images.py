@@ -18,8 +18,9 @@ import OpenImageIO
 import torch
 from numpy.typing import NDArray
 
+from lfref import encoding as encodings
 from lfref.encoding import Encoding
-from lfref.errors import FileError, InputError, counted, first_line, printable
+from lfref.errors import FileError, InputError, first_line
 from lfref.io import atomic
 
 LIMIT_MB = 1024
@@ -27,12 +28,10 @@ LIMIT_MB = 1024
 
 
 class ImageFormat(NamedTuple):
-    """A format of image files."""
+    """Possible first bytes of a file (`?` is any byte), and suffixes of its name in small letters."""
 
     magics: tuple[bytes, ...]
-    """Possible first bytes of a file; `?` is any byte."""
     suffixes: tuple[str, ...]
-    """Suffixes of file names, in small letters."""
 
 
 FORMATS = {
@@ -52,43 +51,33 @@ FORMATS = {
 SUFFIXES = [suffix for image_format in FORMATS.values() for suffix in image_format.suffixes]
 ARRAY_TYPES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 """Sample type of the file -> sample type of the array."""
-HEADER_SEARCH = 65536
-"""Number of bytes at the start of a PNG or WebP among which it says whether it moves."""
+SEARCH = 65536
+"""Bytes at the start of a PNG or WebP among which it says whether it moves, and at the end among which a PNG's end
+mark must be; some tools append data of their own."""
 PNG_END = b"IEND\xaeB`\x82"
-PNG_END_SEARCH = 65536
-"""Number of bytes at the end of a PNG among which its end mark must be; some tools append data of their own."""
+GAMMAS = (0.1, 10.0)
+"""Smallest and largest plausible exponent in a header."""
 
 FILE_TYPES: dict[str, type[np.generic]] = {
     "uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32,
 }  # fmt: skip
 DEPTHS: dict[str, dict[int, str]] = {
-    ".png": {8: "uint8", 16: "uint16"},
-    ".jpg": {8: "uint8"},
-    ".exr": {32: "float", 16: "half"},
-    ".tif": {8: "uint8", 16: "uint16", 32: "float"},
-    ".avif": {8: "uint8"},
-    ".webp": {8: "uint8"},
-}
+    ".png": {8: "uint8", 16: "uint16"}, ".tif": {8: "uint8", 16: "uint16", 32: "float"},
+    ".exr": {32: "float", 16: "half"}, ".jpg": {8: "uint8"}, ".avif": {8: "uint8"}, ".webp": {8: "uint8"},
+}  # fmt: skip
 """Suffix of files that are written -> bits a sample -> sample type; the first is the default."""
 # The name is `weight`, not `A`: EXR assumes that A is multiplied into the colours.
 CHANNELS = {1: ("Y",), 2: ("Y", "weight"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "weight")}
-# EXR and TIFF are compressed without loss; light in floating point hardly shrinks, whatever the level. AVIF needs an
-# OpenImageIO that was built with it; the one on PyPI was not.
+# Light in floating point hardly shrinks, whatever the level. The OpenImageIO on PyPI was built without AVIF.
 COMPRESSIONS = {
-    ".png": "zip",
-    ".jpg": "jpeg:{quality}",
-    ".exr": "zip:1",
-    ".tif": "zip",
-    ".avif": "avif:{quality}",
+    ".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip:1", ".tif": "zip", ".avif": "avif:{quality}",
     ".webp": "webp:{quality}",
-}
+}  # fmt: skip
 WITHOUT_WEIGHT = (".jpg", ".avif", ".webp")
 QUALITY = 95
 """Default quality of a JPEG, AVIF or WebP file, from 1 to 100."""
 PNG_LEVEL = 1
 """Level of zip compression, from 1 to 9: the usual 6 takes three times as long for files that are 10 % smaller."""
-TILE = 256
-"""Side of a TIFF's tiles in pixels, so that viewers of large pictures need not read all."""
 
 
 def read_head(path: Path) -> bytes:
@@ -108,7 +97,7 @@ def starts_with(head: bytes, magics: Sequence[bytes]) -> bool:
 def is_animation(path: Path) -> bool:
     """Whether a PNG or WebP file says in its header that it holds several pictures."""
     with atomic.file_errors(path, "read"), path.open("rb") as file:
-        head = file.read(HEADER_SEARCH)
+        head = file.read(SEARCH)
     if format_of_head(head) == "png":
         return b"acTL" in head.partition(b"IDAT")[0]
     return format_of_head(head) == "webp" and b"ANIM" in head
@@ -133,34 +122,31 @@ def open_image(path: Path, is_alpha_apart: bool = True) -> Iterator[OpenImageIO.
     if image_format is None:
         expected = f"{path} must be an image ({', '.join(FORMATS).upper()})"
         raise FileError(expected, got=described_head(head), remedy="copy or convert it again")
-    if image_format == "png":
-        # The decoder does not report a missing end mark.
-        with atomic.file_errors(path, "read"), path.open("rb") as file:
-            file.seek(max(0, path.stat().st_size - PNG_END_SEARCH))
-            if PNG_END not in file.read():
-                raise _damaged(path, "a truncated PNG")
-    if path.as_posix() != printable(path.as_posix()):
-        raise FileError(f"{path} must have a name in UTF-8", remedy="rename it")
     OpenImageIO.attribute("limits:imagesize_MB", LIMIT_MB)
     hints = OpenImageIO.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", int(is_alpha_apart))
     try:
         source = OpenImageIO.ImageInput.open(str(path), hints)
-        if source is None:
-            raise _damaged(path, OpenImageIO.geterror())
+        # The decoder does not report a missing end mark of a PNG.
+        if source is None or (image_format == "png" and not _has_end(path)):
+            raise damaged(path, OpenImageIO.geterror() if source is None else "a truncated PNG")
         try:
             yield source
         finally:
             source.close()
-    except UnicodeDecodeError as error:  # raised when a message or an attribute quotes the damaged bytes
-        raise _damaged(path, "a damaged header") from error
+    except UnicodeError as error:  # raised for names, messages and attributes that are no UTF-8
+        raise damaged(path, "a name or a header that is no UTF-8") from error
 
 
-def _damaged(path: Path, reason: str) -> FileError:
-    remedy = "the file may be damaged: copy it again"
-    if "exceeds the" in reason:
-        remedy = "cut it into smaller images, or raise lfref.io.images.LIMIT_MB"
-    return FileError(f"{path} cannot be decoded", got=first_line(reason), remedy=remedy)
+def _has_end(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - SEARCH))
+        return PNG_END in file.read()
+
+
+def damaged(path: Path, reason: str) -> FileError:
+    """The error for a file that a library cannot decode."""
+    return FileError(f"{path} cannot be decoded", got=first_line(reason), remedy="it may be damaged: copy it again")
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -169,18 +155,47 @@ def image_size(path: Path) -> tuple[int, int]:
         return source.spec().height, source.spec().width
 
 
+def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
+    """The encoding of a file's samples: the option, else the file's header, else the default.
+
+    Encodings stand in the sRGB and gAMA chunks of PNG, and in the EXIF of JPEG and TIFF.
+
+    Args:
+        path: Any file.
+        option: The option `encoding` of `lfref.read`; `file`: as the header says.
+        default: Encoding for files that are no images, and for headers that say none, or an unknown one.
+    """
+    if option != "file":
+        return encodings.parsed(option)
+    if format_of_head(read_head(path)) is None:
+        return default
+    with open_image(path) as source:
+        spec = source.spec()
+    space = spec.get_string_attribute("oiio:ColorSpace").lower()
+    gamma = spec.get_float_attribute("oiio:Gamma", 0.0)
+    if space.startswith(("lin", "scene_linear")):
+        return encodings.LINEAR
+    if GAMMAS[0] <= gamma <= GAMMAS[1] and gamma != 1:
+        return encodings.parsed(f"gamma:{gamma:.4g}")
+    return encodings.SRGB if space.startswith("srgb") else default
+
+
+def usual_encoding(samples: NDArray) -> Encoding:
+    """The likely encoding of samples: integers are pictures, floats are light."""
+    return encodings.LINEAR if samples.dtype.kind == "f" else encodings.SRGB
+
+
 def read_part(source: OpenImageIO.ImageInput, path: Path, part: int = 0) -> NDArray:
     """Samples of a part of an open file: uint8, uint16 or float32, alpha not multiplied in, [H, W, C] with C 1 to 4."""
     spec = source.spec(part)
     kind = str(spec.format)
     if kind not in ARRAY_TYPES or not 1 <= spec.nchannels <= 4:
-        got = f"{counted(spec.nchannels, 'channel')} of {kind}"
+        got = f"{spec.nchannels} of {kind}"
         raise FileError(f"{path} must hold 1 to 4 channels of {', '.join(ARRAY_TYPES)}", got=got, remedy="convert it")
     samples = source.read_image(part, 0, 0, spec.nchannels, ARRAY_TYPES[kind])
     if (reason := source.geterror()) or samples is None:
-        raise _damaged(path, reason)
-    if samples.dtype.kind == "f" and not np.isfinite(samples).all():
-        raise FileError(f"{path} must hold finite values", got="NaN or infinity", remedy="render or convert it again")
+        raise damaged(path, reason)
+    check_finite(samples, path)
     # Only these formats say reliably whether alpha is multiplied into the colours.
     is_multiplied = source.format_name() in ("openexr", "tiff") and not spec.getattribute("oiio:UnassociatedAlpha")
     if not is_multiplied or spec.alpha_channel < 0:
@@ -192,6 +207,12 @@ def read_part(source: OpenImageIO.ImageInput, path: Path, part: int = 0) -> NDAr
         colours = np.rint(np.minimum(colours, full))
     colours[..., spec.alpha_channel] = samples[..., spec.alpha_channel]
     return colours.astype(samples.dtype)
+
+
+def check_finite(samples: NDArray, path: Path) -> None:
+    """Refuse samples of a file that are NaN or infinite."""
+    if samples.dtype.kind == "f" and not np.isfinite(samples).all():
+        raise FileError(f"{path} must hold finite values", got="NaN or infinity", remedy="render or convert it again")
 
 
 def read_image(path: str | Path) -> NDArray:
@@ -207,14 +228,11 @@ def read_image(path: str | Path) -> NDArray:
 
 @dataclass(frozen=True)
 class Part:
-    """One image of a file."""
+    """One image of a file: samples [H, W, C], C 1 to 4, nominally in [0, 1], a unique name, and metadata."""
 
     samples: NDArray
-    """Samples, floating point, nominally in [0, 1], [H, W, C] with C 1 to 4."""
     name: str = ""
-    """Name of the part, unique in the file."""
     attributes: Mapping[str, str | float] = field(default_factory=dict)
-    """Metadata of the part."""
 
 
 def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, quality: int = QUALITY) -> None:
@@ -236,8 +254,6 @@ def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, qu
 def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, quality: int = QUALITY) -> None:
     """Write a file of one part, or of several for EXR; `bits` and `quality` are those of `write_image`."""
     kind = sample_type(path, bits)
-    if not (isinstance(quality, int) and 1 <= quality <= 100):
-        raise InputError("quality must be a whole number from 1 to 100", got=repr(quality))
     specs = [_spec(part, kind, path, quality) for part in parts]
     with atomic.replacing(path) as partial:
         output = OpenImageIO.ImageOutput.create(str(partial))
@@ -254,29 +270,24 @@ def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, qual
         finally:
             is_open = output.close() and is_open
         if not is_open:
-            got, remedy = first_line(output.geterror()), "check the folder, its permissions and the disk"
-            raise FileError(f"{path} cannot be written", got=got, remedy=remedy)
+            raise FileError(f"{path} cannot be written", got=first_line(output.geterror()), remedy="check the disk")
 
 
 def sample_type(path: Path, bits: int | None) -> str:
     """Sample type of a file to write, by its suffix and `bits`; None: the default of the format."""
     suffix = path.suffix.lower()
-    if suffix not in DEPTHS:
-        raise InputError(f"{path} must end in {' or '.join(DEPTHS)}", remedy="choose another suffix")
-    if not writes(suffix):
-        got, remedy = f"OpenImageIO {OpenImageIO.VERSION_STRING} without it", "choose another format"
-        raise InputError(f"{suffix[1:].upper()} must be among what OpenImageIO writes", got=got, remedy=remedy)
-    depths = DEPTHS[suffix]
-    if bits is None:
-        return next(iter(depths.values()))
-    if bits not in depths:
-        raise InputError(f"bits of {path} must be one of {', '.join(map(str, depths))}", got=bits)
-    return depths[bits]
+    kinds = DEPTHS.get(suffix, {}) if writes(suffix) else {}
+    kind = next(iter(kinds.values()), None) if bits is None else kinds.get(bits)
+    if kind is None:
+        known = ", ".join(f"{each[1:].upper()} of {' or '.join(map(str, DEPTHS[each]))} bits" for each in DEPTHS)
+        got = f"{path.name}, {bits or 'default'} bits, by OpenImageIO {OpenImageIO.VERSION_STRING}"
+        raise InputError(f"{path.name} must be {known}, if OpenImageIO was built with it", got=got)
+    return kind
 
 
 def writes(suffix: str) -> bool:
     """Whether OpenImageIO was built to write files of this suffix."""
-    if OpenImageIO.ImageOutput.create(f"x{suffix}") is not None:
+    if suffix and OpenImageIO.ImageOutput.create(f"x{suffix}") is not None:
         return True
     OpenImageIO.geterror()  # the error would come up again in a later call
     return False
@@ -284,15 +295,12 @@ def writes(suffix: str) -> bool:
 
 def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageSpec:
     shape, suffix = part.samples.shape, path.suffix.lower()
-    if len(shape) != 3 or shape[2] not in CHANNELS or 0 in shape:
-        raise InputError(f"an image for {path} must be [H, W, C] with C 1 to 4", got=f"shape {shape}")
-    if suffix in WITHOUT_WEIGHT and shape[2] not in (1, 3):
-        raise InputError(f"{suffix[1:].upper()} for {path} has no weight", got=f"shape {shape}", remedy="write PNG")
+    channels = (1, 3) if suffix in WITHOUT_WEIGHT else tuple(CHANNELS)
+    if len(shape) != 3 or shape[2] not in channels or 0 in shape:
+        raise InputError(f"an image for {path} must be [H, W, C] with C one of {channels}", got=f"shape {shape}")
     spec = OpenImageIO.ImageSpec(shape[1], shape[0], shape[2], kind)
     spec.channelnames = CHANNELS[shape[2]]
     spec.alpha_channel = -1
-    if suffix == ".tif":
-        spec.tile_width = spec.tile_height = TILE
     attributes = {
         # Otherwise the PNG writer divides the colours by the fourth channel.
         "oiio:UnassociatedAlpha": 1,
@@ -310,22 +318,17 @@ def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageS
 def quantised(samples: NDArray, kind: str, path: Path) -> NDArray:
     """Samples as a file holds them: `uint8` and `uint16` clipped to [0, 1], scaled and rounded, others rounded."""
     target = np.dtype(FILE_TYPES[kind])
-    if not np.isfinite(samples).all():
-        raise InputError(f"values for {path} must be finite", got="NaN or infinity", remedy="find out where it arose")
-    if target.kind == "u":
-        return np.rint(np.clip(samples, 0, 1) * np.iinfo(target).max).astype(target)
-    with np.errstate(over="ignore"):
-        rounded = samples.astype(target)
-    if not np.isfinite(rounded).all():
-        got = float(np.abs(samples).max())
-        raise InputError(f"values for {path} must fit into {kind}", got=got, remedy="write 32 bits")
-    return rounded
+    with np.errstate(over="ignore", invalid="ignore"):
+        stored = np.rint(np.clip(samples, 0, 1) * np.iinfo(target).max) if target.kind == "u" else samples
+        stored = stored.astype(target)
+    if not (np.isfinite(samples).all() and np.isfinite(stored).all()):
+        got = f"values up to {np.abs(samples).max():g}"
+        raise InputError(f"values for {path} must be finite in {kind}", got=got, remedy="find out where they arose")
+    return stored
 
 
 def to_float(array: NDArray) -> NDArray[np.float32]:
     """Samples as contiguous float32: uint8 and uint16 scaled to [0, 1], floats as they are, also beyond [0, 1]."""
-    if array.dtype.kind != "f" and array.dtype not in (np.uint8, np.uint16):
-        raise InputError("images must be uint8, uint16 or floating point", got=array.dtype, remedy="convert them")
     samples = np.ascontiguousarray(array, dtype=np.float32)
     if array.dtype.kind == "u":
         samples /= np.iinfo(array.dtype).max

@@ -1,7 +1,6 @@
 """The lattice of lenslets in front of a sensor, and views sampled from it between the pixels.
 
 A lattice tells where each lenslet stands in pixels of the lenslet image; sampling brings any lattice onto a square one.
-Both `lenslets`, which reads, and `lenslet_search`, which measures, need it.
 Letters: `V U` view rows and columns, `C` channels, `i j` row and column of a lenslet, `y x` of a pixel (whole numbers
 at the centres). Interpolation is cubic (Keys, "Cubic convolution interpolation for digital image processing", 1981).
 """
@@ -14,7 +13,10 @@ import torch
 from numpy.typing import NDArray
 from torch.nn.functional import embedding_bag
 
-from lfref.io.options import Pair
+from lfref.io.samples import Pair
+
+SAME_PITCH = 0.01
+"""Largest relative difference of the pitch in an image from what an option or a record says of it."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,11 @@ class Lattice:
     def rotation(self) -> float:
         """Angle of the rows in degrees, above 0 if they fall to the right."""
         return math.degrees(math.atan2(*self.columns))
+
+    def agrees_with(self, other: "Lattice") -> bool:
+        """Whether two lattices are of the same kind, and their pitches equal up to `SAME_PITCH`."""
+        pitches = zip(self.pitch, other.pitch, strict=True)
+        return self.is_hexagonal == other.is_hexagonal and all(abs(a / b - 1) < SAME_PITCH for a, b in pitches)
 
     @property
     def name(self) -> str:

@@ -1,18 +1,13 @@
-"""Lenslets in an image: finding their lattice, and checking the pitch that an image is read with.
+"""Finding the lattice of lenslets in an image.
 
 Two plane waves make a lattice: their crests cross at the centres of the lenslets. `find_lattice` takes the strongest
 waves of the image's middle, and fits their phases in tiles all over the image by least squares.
 
-A wrong pitch gives pictures that only look like views. `check_pitch` uses differences of neighbouring pixels, which
-are largest where one lenslet ends and the next begins: in their spectrum a pitch is a comb of lines.
-This module stands apart from `lenslets`: it measures images, and reads no files.
-
-Letters: `H W` pixel rows and columns, `C` channels, `y x` pixel row and column, `f` frequency (y, x) of a wave in
-cycles a pixel.
+Letters: `H W` pixel rows and columns, `y x` pixel row and column, `f` frequency (y, x) of a wave in cycles a pixel.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,17 +38,17 @@ SCENE_PHASE_ERROR = 0.06
 """The same for an image of a scene: lenslets have .01 to .05, a wall through a lens that bends by .3 % .06 to .1."""
 MAX_HEXAGONAL_ROTATION = 15.0
 """Largest rotation of hexagonal rows, in degrees: half of the 30 after which other rows are more level."""
-REMEDY = "give a white image of the camera, or reader.pitch, reader.offset and reader.rotation without reader.white"
+FEWEST_LENSLETS = 16
+"""Fewest lenslets along each axis that allow a judgement."""
 
 
 def lattice_of(white: NDArray, path: Path) -> Lattice:
     """The lattice of the lenslets of a white image, linear light, [H, W]; lenslet (0, 0) is in its middle."""
     lattice = find_lattice(white)
-    if lattice is None:
-        raise FileError(f"{path} must show lenslets in a regular lattice", got="none", remedy=REMEDY)
-    if lattice.is_hexagonal and abs(lattice.rotation) > MAX_HEXAGONAL_ROTATION:
-        got, remedy = f"rows turned by {lattice.rotation:.1f} degrees", "turn both images by 90 degrees"
-        raise FileError(f"hexagonal lenslets of {path} must stand in level rows", got=got, remedy=remedy)
+    if lattice is None or (lattice.is_hexagonal and abs(lattice.rotation) > MAX_HEXAGONAL_ROTATION):
+        got = "none" if lattice is None else f"rows turned by {lattice.rotation:.1f} degrees"
+        remedy = "turn it by 90 degrees, or set reader.pitch, offset and rotation without reader.white"
+        raise FileError(f"{path} must show lenslets of a regular lattice in level rows", got=got, remedy=remedy)
     return lattice
 
 
@@ -213,132 +208,3 @@ def _lattice_of_waves(f: NDArray, phases: NDArray) -> Lattice:
         rows = rows - columns * math.copysign(0.5, rows @ columns)
     origin_y, origin_x, row_y, row_x, column_y, column_x = map(float, (*origin, *rows, *columns))
     return Lattice((origin_y, origin_x), (row_y, row_x), (column_y, column_x), is_hexagonal)
-
-
-STRIPS, THICKNESS = 12, 6
-"""Number of strips of the image along each axis, and the width of a strip, in pixels."""
-STRIP_LENGTH = 4096
-"""Largest length of a strip, in pixels, in the middle of the image; more would only cost time."""
-LINES = 4
-"""Number of lines of a comb that count, from the lowest."""
-LONGEST_PITCH, SHORTEST_PITCH = 64.0, 3.0
-"""Range of the pitches that are searched for, in pixels."""
-NEIGHBOURS = 30
-"""Number of neighbours on either side of a line, with whose median it is compared."""
-LATTICE_PROMINENCE = 0.5
-"""Least prominence of a lattice's comb, a decimal logarithm: captures have .9 to 6, pictures -.1 to .2, rarely .7."""
-SHARE_OF_BEST = 0.75
-"""Least prominence of a comb, as a share of the best one; a comb with every other line missing has half."""
-FEWEST_LENSLETS = 16
-"""Fewest lenslets along each axis that allow a judgement."""
-HEXAGONAL_PERIOD = 3**0.5
-"""Distance from a row of a hexagonal lattice to the second next, whose lenslets stand below its own, in pitches."""
-EQUAL_PITCH = 0.02
-"""Largest relative difference of the measured pitches of rows and columns that count as equal."""
-WHOLE_PITCH = 0.15
-"""Largest distance of a pitch from whole pixels, in pitch**2 / (length of the image), the resolution of pitches."""
-
-
-@dataclass(frozen=True)
-class Spectrum:
-    """Prominence of each frequency among its neighbours."""
-
-    prominence: NDArray
-    """Decimal logarithm of prominence, from frequency 0 to half a cycle per pixel, in even steps."""
-    length: int
-    """Length of the image along the axis, in pixels."""
-
-    def comb(self, pitch: float | NDArray, without: int = LINES + 1) -> NDArray:
-        """Mean prominence of the first `LINES` harmonics of pitches above 2 pixels, without multiples of `without`."""
-        last = len(self.prominence) - 1
-        lines = [k for k in range(1, LINES + 1) if k % without]
-        at = np.round(np.multiply.outer(lines, 2 * last / np.asarray(pitch))).astype(int)
-        exists = at < last
-        return np.where(exists, self.prominence[np.minimum(at, last)], 0).sum(0) / np.maximum(exists.sum(0), 1)
-
-    def pitch(self) -> float:
-        """The likeliest pitch, in pixels: the longest one whose comb is hardly worse than the best."""
-        pitches = self._pitches()
-        scores = self.comb(pitches)
-        first = int(np.argmax(scores >= SHARE_OF_BEST * scores.max()))
-        near = pitches > pitches[first] - 3 * pitches[first] ** 2 / self.length
-        rough = float(pitches[first + int(np.argmax(scores[first:][near[first:]]))])
-        # Refine the pitch by the tops of its lines; higher lines are more precise.
-        unit = 2 * (len(self.prominence) - 1)
-        reach = np.arange(-(unit // self.length), unit // self.length + 1)
-        lines = np.arange(1, min(LINES, math.ceil(rough / 2) - 1) + 1)
-        at = (np.round(lines * unit / rough).astype(int)[:, None] + reach).clip(0, unit // 2)
-        tops = at[np.arange(len(lines)), self.prominence[at].argmax(axis=1)]
-        return unit * float(lines @ lines) / float(lines @ tops)
-
-    def best(self) -> float:
-        """Prominence of the best of all combs."""
-        return float(self.comb(self._pitches()).max())
-
-    def shows(self, pitch: int) -> bool:
-        """Whether the image repeats at a pitch, and not only at two or three times the pitch."""
-        score = float(self.comb(pitch))
-        if score < max(LATTICE_PROMINENCE, SHARE_OF_BEST * self.best()):
-            return False
-        return all(float(self.comb(n * pitch, without=n)) < SHARE_OF_BEST * score for n in (2, 3))
-
-    def _pitches(self) -> NDArray:
-        """All pitches to try, a step of the spectrum apart, the longest first."""
-        step = 1 / (2 * LINES * (len(self.prominence) - 1))
-        return 1 / np.arange(max(1 / LONGEST_PITCH, 6 / self.length), 1 / SHORTEST_PITCH, step)
-
-
-def spectrum(image: NDArray, axis: int) -> Spectrum | None:
-    """The spectrum of differences of an image [H, W, C] along an axis; None where it is too flat for a judgement."""
-    # Grey rows of strips that lie evenly over the image.
-    rows = image if axis else image.swapaxes(0, 1)
-    thickness = min(THICKNESS, len(rows))
-    left = max(0, rows.shape[1] - STRIP_LENGTH) // 2
-    tops = np.unique(np.linspace(0, len(rows) - thickness, STRIPS).astype(int))
-    strips = [rows[top : top + thickness, left : left + STRIP_LENGTH] for top in tops]
-    grey: NDArray[np.float32] = np.concatenate([strip.mean(axis=2, dtype=np.float32) for strip in strips])
-    steps = np.abs(np.diff(grey, axis=1))
-    mean = steps.mean(axis=1, keepdims=True)
-    steps, mean = steps[mean[:, 0] > 0], mean[mean[:, 0] > 0]
-    if len(steps) < THICKNESS or steps.shape[1] < NEIGHBOURS:
-        return None
-    # A few strong edges of the scene would hide the rest.
-    even = np.minimum(steps / mean, 3)
-    even = (even - even.mean(axis=1, keepdims=True)) * np.hanning(steps.shape[1]).astype(np.float32)
-    size = 1 << (2 * steps.shape[1] - 1).bit_length()
-    power = np.sum([np.abs(np.fft.rfft(row, size)) ** 2 for row in even], axis=0)
-    # The median of the neighbours is computed at some lines, and interpolated between them.
-    reach = round(NEIGHBOURS * size / steps.shape[1])
-    at = np.arange(0, len(power) + reach, reach)
-    medians = [np.median(power[max(0, middle - reach) : middle + reach + 1]) for middle in at.clip(max=len(power) - 1)]
-    median = np.interp(np.arange(len(power)), at, medians) + 1e-30
-    return Spectrum(np.log10(power / median + 1e-3), grey.shape[1])
-
-
-def check_pitch(image: NDArray, pitch: int, path: Path, pattern: FileError | None = None) -> None:
-    """Refuse an image [H, W, C] without lenslets, or with lenslets that clearly have another pitch along both axes.
-
-    `pattern` is the error for an image that shows no aligned lenslets of any pitch, if more is known of it.
-    """
-    down, across = spectrum(image, 0), spectrum(image, 1)
-    if down is None or across is None or pitch < SHORTEST_PITCH or down.shows(pitch) or across.shows(pitch):
-        return
-    rows, columns = down.pitch(), across.pitch()
-    # The pitches of one lattice are equal, or have the ratio of a hexagonal one; scenes hardly ever have such pitches.
-    is_square = abs(rows / columns - 1) < EQUAL_PITCH
-    is_hexagonal = abs(rows / columns / HEXAGONAL_PERIOD - 1) < EQUAL_PITCH
-    is_lattice = min(down.best(), across.best()) >= LATTICE_PROMINENCE and (is_square or is_hexagonal)
-    if min(image.shape[:2]) < FEWEST_LENSLETS * (max(rows, columns) if is_lattice else pitch):
-        return
-    expected = f"{path} must hold aligned lenslets of {pitch} pixels"
-    if not is_lattice:
-        remedy = f"give a light field (a folder of views, for one), or set reader.pitch={pitch} to read it all the same"
-        raise pattern or FileError(expected, got="an image that shows none", remedy=remedy)
-    whole = round(columns)
-    if is_square and abs(columns - whole) < WHOLE_PITCH * columns**2 / image.shape[1]:
-        remedy, pattern = f"set reader.lenslet={whole}", None
-    else:
-        lattice = "" if is_square else "reader.lattice=hexagonal "
-        remedy = f"set {lattice}reader.pitch={columns:.2f}, or reader.white to a white image of the camera"
-    got = f"a pitch of about {columns:.2f}{'' if is_square else ', hexagonal'}"
-    raise pattern or FileError(expected, got=got, remedy=remedy)

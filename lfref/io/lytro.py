@@ -10,12 +10,11 @@ the Light Field Toolbox 0.5 (calibration, read for facts), which also divides be
 Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
 """
 
-import functools
 import logging
 import math
 import tarfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path, PureWindowsPath
 from typing import Any, NamedTuple
 
@@ -24,11 +23,12 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional as F
 
+from lfref import encoding as encodings
 from lfref.errors import FileError, InputError, first_line
 from lfref.io import atomic, images, lenslet_lattice, lenslet_search, lenslets, lytro_files
 from lfref.io.lenslet_lattice import Lattice
-from lfref.io.lytro_files import RawImage, Record
-from lfref.io.options import ROW_DISTANCES, ReadOptions
+from lfref.io.lytro_files import RawImage, Record, unusable
+from lfref.io.samples import ROW_DISTANCES, ReadOptions, Samples
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ WHITE_REMEDY = "set reader.white to its calibration: data.C.*, caldata-*.tar, or
 TAGS = "com.lytro.tags"
 TILINGS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "square"}
 """Tiling of the lenslets in a record -> lattice."""
-FEWEST_PIXELS, MOST_PIXELS = lenslet_search.SHORTEST_PITCH, lenslet_search.LONGEST_PITCH
+FEWEST_PIXELS, MOST_PIXELS = 3.0, 64.0
 """Range of the distance between lenslets, in pixels."""
 BAND = 512
 """Rows whose colours are interpolated at a time, which saves memory."""
@@ -50,8 +50,8 @@ COLOURS = {"r": 0, "gr": 1, "gb": 1, "b": 2}
 """Colour of a pixel of the mosaic (green in rows of red, green in rows of blue) -> channel."""
 
 
-def decode_raw(path: Path, options: ReadOptions) -> NDArray[np.float32]:
-    """The chosen views, linear sRGB, a weight as the last channel if there is a white image, [V, U, C, H, W]."""
+def decode_raw(path: Path, options: ReadOptions) -> Samples:
+    """The chosen views, linear sRGB, with a weight if there is a white image."""
     if options.encoding not in ENCODINGS:
         remedy = "leave reader.encoding out"
         raise InputError(f"samples of {path}, a raw image, are linear", got=options.encoding, remedy=remedy)
@@ -62,19 +62,13 @@ def decode_raw(path: Path, options: ReadOptions) -> NDArray[np.float32]:
     colours = demosaiced(light, pattern)
     lattice = _lattice(image, colours.mean(axis=2) if white is None else white, options)
     keep_to_lenslets(colours, light, pattern, lattice)
-    angular = lenslet_lattice.n_views(lattice.pitch[0]), lenslet_lattice.n_views(lattice.pitch[1])
-    default = min(lenslets.DEFAULT_VIEWS, angular[0]), min(lenslets.DEFAULT_VIEWS, angular[1])
-    window = options.window(angular, path, options.views or default)
-    views = lenslet_lattice.sample_views(colours, lattice, angular, window)
-    if not views.size:
-        expected = f"{path} must hold whole lenslets of {lattice.pitch[1]:.4g} pixels"
-        raise FileError(expected, got="{}x{} pixels".format(*image.samples.shape), remedy="check reader.pitch")
+    views = lenslets.sampled(colours, lattice, options, path)
     # The matrix mixes colours of one place, so that it may follow the sampling, which leaves fewer samples.
     views = np.einsum("ij,vujhw->vuihw", colour_matrix(image.record), views).astype(np.float32)
-    if white is None:
-        return views
-    trust = lenslet_lattice.sample_views(white[..., None], lattice, angular, window) / lenslets.DARK
-    return np.concatenate([views, trust.clip(0, 1)], axis=2, dtype=np.float32)
+    weight = None
+    if white is not None:
+        weight = (lenslets.sampled(white[..., None], lattice, options, path) / lenslets.DARK).clip(0, 1)
+    return Samples(views, weight, encodings.NONE if options.encoding == "none" else encodings.LINEAR)
 
 
 def _even_light(image: RawImage, white: NDArray[np.float32] | None, pattern: Mosaic) -> NDArray[np.float32]:
@@ -99,15 +93,13 @@ def _white_light(image: RawImage, path: Path | None, pattern: Mosaic) -> NDArray
         samples, record, name = image.white, image.record, image.path
     else:
         return None
-    if mosaic(record) != pattern:
-        got, remedy = f"colours {mosaic(record)} for {pattern}", WHITE_REMEDY
-        raise FileError(f"{name} must have the mosaic of {image.path}", got=got, remedy=remedy)
     light = light_of(samples, record)
     levels = {}
     for (y, x), key in np.ndenumerate(pattern):
         levels[key] = float(np.percentile(light[y::2, x::2][:: max(1, len(light) // 1000)], lenslets.WHITE_PERCENTILE))
-    if not min(levels.values()) > 0:
-        raise FileError(f"{name} must be a white image", got="a black one", remedy=WHITE_REMEDY)
+    if mosaic(record) != pattern or not min(levels.values()) > 0:
+        got = f"a black image, or one of the colours {mosaic(record)}"
+        raise FileError(f"{name} must be a white image of the mosaic {pattern}", got=got, remedy=WHITE_REMEDY)
     return per_colour(light, pattern, {key: 1 / level for key, level in levels.items()})
 
 
@@ -141,15 +133,13 @@ def read_white(path: Path, image: RawImage) -> RawImage:
         whites = list(_whites(_calibration_files(path)))
         own = [one for one in whites if not image.serial or not one.serial or one.serial == image.serial]
         if not own:
-            cameras = ", ".join(sorted({one.serial for one in whites}))
-            got = f"those of camera {cameras}, not of {image.serial}" if whites else "none"
-            expected = f"{path} must hold white images of the camera of {image.path}"
+            got = f"those of {', '.join(sorted({one.serial for one in whites})) or 'none'}"
+            expected = f"{path} must hold white images of the camera {image.serial} of {image.path}"
             raise FileError(expected, got=got, remedy=WHITE_REMEDY)
         nearest = min(own, key=lambda one: one.distance(image.record))
         name = path / PureWindowsPath(nearest.name).name
-        white = RawImage(
-            name, lytro_files.unpacked(nearest.data(), nearest.record, name), nearest.record, nearest.serial
-        )
+        samples = lytro_files.unpacked(nearest.data(), nearest.record, name)
+        white = RawImage(name, samples, nearest.record, nearest.serial)
     if white.samples.shape != image.samples.shape:
         got = "{}x{} for {}x{}".format(*white.samples.shape, *image.samples.shape)
         raise FileError(f"{white.path} must be as large as {image.path}", got=got, remedy=WHITE_REMEDY)
@@ -170,38 +160,30 @@ def _calibration_files(path: Path) -> dict[str, Callable[[], bytes]]:
         for file in sorted(file for file in path.rglob("*") if file.is_file()):
             name = file.name.lower()
             if name.endswith((lytro_files.BARE, ".txt")):
-                files[str(file)] = functools.partial(lytro_files.read_bytes, file)
+                files[str(file)] = partial(lytro_files.read_bytes, file)
             elif (name.endswith(".tar") or ".c." in name) and _is_archive(file):
                 files |= _calibration_files(file)
     elif tarfile.is_tarfile(path):
-        with _open_tar(path) as archive:
-            names = [member.name for member in archive.getmembers() if member.isfile()]
-        files |= {name: functools.partial(_read_member, path, name) for name in names}
+        try:
+            with atomic.file_errors(path, "read"), tarfile.open(path) as archive:
+                members = [member for member in archive.getmembers() if member.isfile()]
+        except tarfile.TarError as error:
+            raise images.damaged(path, first_line(error)) from error
+        files |= {member.name: partial(_bytes_of, path, member) for member in members}
     else:
         container = lytro_files.Container.open(path)
         entries = container.contents.get("files")
         for entry in entries if isinstance(entries, list) else ():
             if isinstance(entry, dict) and isinstance(entry.get("name"), str):
-                files[entry["name"]] = functools.partial(container.data, entry.get("dataRef"))
+                files[entry["name"]] = partial(container.data, entry.get("dataRef"))
     return files
 
 
-def _read_member(path: Path, name: str) -> bytes:
+def _bytes_of(path: Path, member: tarfile.TarInfo) -> bytes:
     """The bytes of a file in a tar file."""
-    with _open_tar(path) as archive:
-        member = archive.extractfile(name)
-        return member.read() if member is not None else b""
-
-
-@contextmanager
-def _open_tar(path: Path) -> Iterator[tarfile.TarFile]:
-    """A tar file, whose damage is one error."""
-    try:
-        with atomic.file_errors(path, "read"), tarfile.open(path) as archive:
-            yield archive
-    except tarfile.TarError as error:
-        got = first_line(error)
-        raise FileError(f"{path} must be a whole tar file", got=got, remedy=lytro_files.DAMAGED) from error
+    with atomic.file_errors(path, "read"), path.open("rb") as file:
+        file.seek(member.offset_data)
+        return file.read(member.size)
 
 
 def _whites(files: Mapping[str, Callable[[], bytes]]) -> Iterator[_White]:
@@ -224,8 +206,7 @@ def mosaic(record: Record) -> Mosaic:
     tiles, first = str(record.get(*keys, "tile")), str(record.get(*keys, "upperLeftPixel"))
     tile = [row.split(",") for row in tiles.split(":")]
     if [len(row) for row in tile] != [2, 2] or sorted([*tile[0], *tile[1]]) != sorted(COLOURS) or first not in COLOURS:
-        got = f"tile {tiles}, upper left {first}"
-        raise FileError(f"{record.path} must have a Bayer mosaic", got=got, remedy=lytro_files.CAMERA_FILE)
+        raise unusable(record.path, "samples of a Bayer mosaic", f"tile {tiles}, upper left {first}")
     # The tile repeats in both directions; the image may begin at any of its pixels.
     top, left = next((y, x) for y in (0, 1) for x in (0, 1) if tile[y][x] == first)
     return [[tile[(top + y) % 2][(left + x) % 2] for x in (0, 1)] for y in (0, 1)]
@@ -238,8 +219,7 @@ def light_of(samples: NDArray[np.uint16], record: Record) -> NDArray[np.float32]
         keys = (*lytro_files.details(record), "pixelFormat")
         black, white = (record.number(*keys, level, key) for level in ("black", "white"))
         if not white > black:
-            got = f"black {black:g}, white {white:g}"
-            raise FileError(f"{record.path} must have a white level above black", got=got, remedy=lytro_files.DAMAGED)
+            raise unusable(record.path, "a white level above black", f"{white:g} for {black:g}")
         light[y::2, x::2] = (light[y::2, x::2] - black) / (white - black)
     return light
 
@@ -257,8 +237,7 @@ def balance(record: Record) -> dict[str, float]:
     gains = {key: record.number("image", "color", "whiteBalanceGain", key) for key in COLOURS}
     least = min(gains.values())
     if not least > 0:
-        expected = f"{record.path} must have gains of white balance above 0"
-        raise FileError(expected, got=least, remedy=lytro_files.DAMAGED)
+        raise unusable(record.path, "gains of white balance above 0", least)
     return {key: gain / least for key, gain in gains.items()}
 
 
@@ -347,18 +326,15 @@ def metadata_lattice(record: Record) -> Lattice:
     The images of lenslets are a little farther apart than the lenslets, since light comes from the exit pupil.
     """
     tiling = str(record.get("devices", "mla", "tiling"))
-    if tiling not in TILINGS:
-        expected = f"{record.path} must have lenslets in {' or '.join(TILINGS)}"
-        raise FileError(expected, got=tiling, remedy=lytro_files.CAMERA_FILE)
     pixel = record.number("devices", "sensor", "pixelPitch")
     pitch, rotation = (record.number("devices", "mla", key) for key in ("lensPitch", "rotation"))
     scale, offset = ([record.number("devices", "mla", key, k) for k in "yx"] for key in ("scaleFactor", "sensorOffset"))
     gap = record.number("devices", "mla", "sensorOffset", "z", default=0)
     distance = record.number("devices", "lens", "exitPupilOffset", "z", default=math.inf) or math.inf
     neighbours = pitch * (1 + gap / distance) / pixel if pixel > 0 else math.nan
-    if not all(FEWEST_PIXELS <= neighbours * factor <= MOST_PIXELS for factor in scale):
-        expected = f"{record.path} must have lenslets of {FEWEST_PIXELS:g} to {MOST_PIXELS:g} pixels"
-        raise FileError(expected, got=f"{neighbours:.4g}", remedy=lytro_files.CAMERA_FILE)
+    if tiling not in TILINGS or not all(FEWEST_PIXELS <= neighbours * factor <= MOST_PIXELS for factor in scale):
+        what = f"lenslets of {FEWEST_PIXELS:g} to {MOST_PIXELS:g} pixels in {' or '.join(TILINGS)}"
+        raise unusable(record.path, what, f"{neighbours:.4g} in {tiling}")
     height, width = (record.number("image", key) for key in ("height", "width"))
     lattice = TILINGS[tiling]
     return lenslet_lattice.upright(
@@ -373,13 +349,7 @@ def _lattice(image: RawImage, picture: NDArray[np.float32], options: ReadOptions
     """The lattice of the record, refined by a picture [H, W] that shows it; the options count first."""
     nominal = metadata_lattice(image.record)
     lattice = lenslet_search.refined(picture, nominal) or lenslet_search.find_lattice(picture)
-    if lattice is None or not same_pitch(lattice, nominal):
+    if lattice is None or not lattice.agrees_with(nominal):
         log.warning("%s: lenslets hardly show; they are taken to be where the camera's record says", image.path.name)
         lattice = nominal
     return lenslets.overridden(lattice, options)
-
-
-def same_pitch(one: Lattice, other: Lattice) -> bool:
-    """Whether two lattices have the same pitches, up to `lenslets.SAME_PITCH`, and are both hexagonal or square."""
-    agree = (abs(a / b - 1) < lenslets.SAME_PITCH for a, b in zip(one.pitch, other.pitch, strict=True))
-    return one.is_hexagonal == other.is_hexagonal and all(agree)

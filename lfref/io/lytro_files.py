@@ -9,7 +9,6 @@ both versions of Lytro Desktop.
 Letters: `H W` pixel rows and columns, `N` planes.
 """
 
-import hashlib
 import io
 import json
 import tempfile
@@ -38,19 +37,23 @@ PACKINGS = {"12 bits, big-endian": (2, 3), "10 bits, little-endian": (4, 5)}
 """Packing -> number of samples in a group, and of its bytes: of the first camera, and of the Illum."""
 FRAMES = (("frames",), ("picture", "frameArray"))
 """Keys of the list of frames in the table of contents: of the Illum, and of the first camera."""
-REFOCUS_STACK, DEPTH_MAP = "com.lytro.acceleration.refocusStack", "com.lytro.acceleration.depthMap"
+REFOCUS_STACK = "com.lytro.acceleration.refocusStack"
 LARGEST = 1e30
 """Bound of all numbers in JSON: products of two of them fit into float64."""
 MAX_DEPTH = 8
 """Deepest nesting of JSON to follow."""
-CAMERA_FILE = "give a raw file of the camera itself"
-DAMAGED = "the file may be damaged: copy it again"
 
 
 def read_bytes(path: Path) -> bytes:
     """All bytes of a file."""
     with atomic.file_errors(path, "read"):
         return path.read_bytes()
+
+
+def unusable(path: Path, what: str, got: object) -> FileError:
+    """The error for a file of a camera that does not hold something, or holds it in another form."""
+    remedy = "give a whole raw file of the camera itself (IMG_0001.lfp, .lfr)"
+    return FileError(f"{path} must hold {what}", got=str(got)[:80], remedy=remedy)
 
 
 @dataclass(frozen=True)
@@ -67,10 +70,8 @@ class Record:
         try:
             entries = json.JSONDecoder().raw_decode(text.decode("utf-8", "replace").lstrip("\ufeff \t\r\n"))[0]
         except (ValueError, RecursionError) as error:
-            raise FileError(f"{path} must hold JSON", got=first_line(error), remedy=DAMAGED) from error
-        if not isinstance(entries, dict):
-            raise FileError(f"{path} must hold a record in JSON", got=type(entries).__name__, remedy=DAMAGED)
-        return cls(path, entries)
+            raise unusable(path, "a record in JSON", first_line(error)) from error
+        return cls(path, entries if isinstance(entries, dict) else {})
 
     def get(self, *keys: str | int) -> Any:
         """The entry under nested keys; None if there is none."""
@@ -93,9 +94,7 @@ class Record:
         entry = self.get(*keys)
         values = entry if isinstance(entry, list) else [entry]
         if len(values) != count or not all(type(one) in (int, float) and abs(one) < LARGEST for one in values):
-            numbers = "a number" if count == 1 else f"{count} numbers"
-            expected = f"{self.path} must have {numbers} below {LARGEST:g} as {'.'.join(keys)} in its JSON"
-            raise FileError(expected, got=str(entry)[:60], remedy=CAMERA_FILE)
+            raise unusable(self.path, f"{count} numbers as {'.'.join(keys)} in its JSON", entry)
         return [float(one) for one in values]
 
 
@@ -120,36 +119,23 @@ class Container:
 
     @classmethod
     def open(cls, path: Path) -> "Container":
-        """A container whose sections lie wholly in its file.
-
-        Raises:
-            FileError: It is none, or it is damaged.
-        """
+        """A container whose sections lie wholly in its file."""
         contents, sections = None, {}
         with atomic.file_errors(path, "read"), path.open("rb") as file:
-            length = path.stat().st_size
-            head = file.read(HEADER)
-            if not head.startswith(MAGIC):
-                got, remedy = images.described_head(head), "give a raw file of the camera (IMG_0001.lfp, .lfr)"
-                raise FileError(f"{path} must be a file of a Lytro camera", got=got, remedy=remedy)
-            is_damaged = False
-            while file.tell() < length and not is_damaged:
-                start = file.tell()
-                header = file.read(SECTION_HEADER)
+            length, end = path.stat().st_size, HEADER
+            is_whole = file.read(HEADER).startswith(MAGIC)
+            while is_whole and end < length:
+                file.seek(end)
+                header, start = file.read(SECTION_HEADER), end + SECTION_HEADER
                 kind, n_bytes = header[: len(DATA)], int.from_bytes(header[12:16], "big")
-                end = start + SECTION_HEADER + n_bytes
-                if kind not in (CONTENTS, DATA) or end > length:
-                    is_damaged = True
-                    break
                 reference = header[16:61].decode("ascii", "replace").lower()
-                sections[reference] = start + SECTION_HEADER, n_bytes
+                sections[reference] = start, n_bytes
                 contents = reference if kind == CONTENTS else contents
-                file.seek(end + -end % PADDING)
-        if is_damaged or contents is None:
-            got = f"{length} bytes that do not end where its sections do" if is_damaged else "no table of contents"
-            raise FileError(f"{path} must be a whole container of a Lytro camera", got=got, remedy=DAMAGED)
-        whole = cls(path, Record(path, {}), sections)
-        return cls(path, whole.record(contents), sections)
+                is_whole = kind in (CONTENTS, DATA) and start + n_bytes <= length
+                end = start + n_bytes + -(start + n_bytes) % PADDING
+        if not is_whole or contents is None:
+            raise unusable(path, "a whole container of a Lytro camera", images.described_head(images.read_head(path)))
+        return cls(path, cls(path, Record(path, {}), sections).record(contents), sections)
 
     def holds(self, reference: Any) -> bool:
         """Whether there is a section of this SHA-1."""
@@ -158,15 +144,11 @@ class Container:
     def data(self, reference: Any) -> bytes:
         """The bytes of a section."""
         if not self.holds(reference):
-            raise FileError(f"{self.path} must be a whole container", got=f"no section {reference}", remedy=DAMAGED)
+            raise unusable(self.path, "a whole container of a Lytro camera", f"no section {reference}")
         start, n_bytes = self.sections[reference.lower()]
         with atomic.file_errors(self.path, "read"), self.path.open("rb") as file:
             file.seek(start)
-            data = file.read(n_bytes)
-        if f"sha1-{hashlib.sha1(data, usedforsecurity=False).hexdigest()}" != reference.lower():
-            got = f"a section whose SHA-1 is not {reference}"
-            raise FileError(f"{self.path} must be a whole container", got=got, remedy=DAMAGED)
-        return data
+            return file.read(n_bytes)
 
     def record(self, reference: Any) -> Record:
         """The JSON in a section."""
@@ -180,11 +162,12 @@ class Container:
                 return frame
         return {}
 
-    def acceleration(self, kind: str) -> Record | None:
-        """Lytro's own result of a kind: its record, if there is one."""
+    @property
+    def stack(self) -> Record | None:
+        """The record of Lytro's refocused pictures, if there is one."""
         entries = self.contents.get("picture", "accelerationArray")
         for entry in entries if isinstance(entries, list) else ():
-            if isinstance(entry, dict) and entry.get("type") == kind:
+            if isinstance(entry, dict) and entry.get("type") == REFOCUS_STACK:
                 content = entry.get("vendorContent")
                 return Record(self.path, content if isinstance(content, dict) else {})
         return None
@@ -225,7 +208,7 @@ def is_stack(path: Path) -> bool:
     """Whether a file is a container of Lytro's refocused pictures without a raw image."""
     with suppress(FileError):
         if path.is_file() and images.read_head(path).startswith(MAGIC):
-            return not is_raw(path) and Container.open(path).acceleration(REFOCUS_STACK) is not None
+            return not is_raw(path) and Container.open(path).stack is not None
     return False
 
 
@@ -238,8 +221,9 @@ def frame_record(path: Path) -> Record:
         whole = Record.parse(partner, read_bytes(partner))
         if (record := next(records(whole.entries, "image", "devices"), None)) is not None:
             return Record(partner, record)
-    expected = f"{path} needs the JSON of its frame beside it"
-    raise FileError(expected, got="none", remedy=f"add {path.stem}.json, {path.stem}_metadata.json or {path.stem}.TXT")
+    raise unusable(
+        path, f"samples with {path.stem}.json, {path.stem}_metadata.json or .TXT beside them", "none of these"
+    )
 
 
 def _partners(path: Path) -> Iterator[Path]:
@@ -255,11 +239,7 @@ def _partners(path: Path) -> Iterator[Path]:
 
 
 def read_raw(path: Path) -> RawImage:
-    """The raw image of a container, or of a `.raw` file with its JSON.
-
-    Raises:
-        FileError: The file is damaged, or it is a file for sharing, which has no raw image.
-    """
+    """The raw image of a container, or of a `.raw` file with its JSON; FileError for files for sharing."""
     if path.suffix.lower() == BARE:
         record = frame_record(path)
         serial = serial_of(Record.parse(partner, read_bytes(partner)) for partner in _partners(path))
@@ -267,21 +247,13 @@ def read_raw(path: Path) -> RawImage:
     container = Container.open(path)
     frame = container.frame
     if not container.holds(frame.get("imageRef")):
-        stack = container.acceleration(REFOCUS_STACK) is not None
-        got = "a file for sharing, with refocused pictures only" if stack else "a container without one"
-        remedy = "give the raw file of the camera (IMG_0001.lfp, .lfr)" + (f", or lfref view {path}" if stack else "")
-        raise FileError(f"{path} must hold a raw image of the sensor", got=got, remedy=remedy)
+        raise unusable(path, "a raw image of the sensor", "none; lfref view shows files for sharing")
     record = container.record(frame.get("metadataRef"))
-    private = frame.get("privateMetadataRef")
+    private, white = frame.get("privateMetadataRef"), frame.get("modulationDataRef")
     sources = [record, *([container.record(private)] if container.holds(private) else [])]
-    white = frame.get("modulationDataRef")
-    return RawImage(
-        path,
-        unpacked(container.data(frame["imageRef"]), record, path),
-        record,
-        serial_of(sources),
-        unpacked(container.data(white), record, path) if container.holds(white) else None,
-    )
+    samples = unpacked(container.data(frame["imageRef"]), record, path)
+    white_samples = unpacked(container.data(white), record, path) if container.holds(white) else None
+    return RawImage(path, samples, record, serial_of(sources), white_samples)
 
 
 def serial_of(sources: Iterable[Record]) -> str:
@@ -300,12 +272,12 @@ def unpacked(packed: bytes, record: Record, path: Path) -> NDArray[np.uint16]:
     width, height = (int(record.number("image", key)) for key in ("width", "height"))
     bits, order = (record.get(*details(record), "pixelPacking", key) for key in ("bitsPerPixel", "endianness"))
     packing = f"{bits} bits, {order}-endian"
-    if packing not in PACKINGS:
-        raise FileError(f"{path} must hold samples of {' or '.join(PACKINGS)}", got=packing, remedy=CAMERA_FILE)
-    n_samples, n_bytes = PACKINGS[packing]
-    if min(width, height) < 6 or height % 2 or width % n_samples or len(packed) * n_samples != width * height * n_bytes:
-        expected = f"{path} must hold {width}x{height} samples of {bits} bits"
-        raise FileError(expected, got=f"{len(packed)} bytes", remedy=DAMAGED)
+    n_samples, n_bytes = PACKINGS.get(packing, (1, 0))
+    is_even = min(width, height) >= 6 and height % 2 == 0 and width % n_samples == 0
+    if not is_even or len(packed) * n_samples != width * height * n_bytes:
+        raise unusable(
+            path, f"samples of {' or '.join(PACKINGS)}", f"{len(packed)} bytes for {width}x{height} of {packing}"
+        )
     groups = np.frombuffer(packed, np.uint8).reshape(height, width // n_samples, n_bytes).astype(np.uint16)
     *high, low = (groups[..., k] for k in range(n_bytes))
     if bits == 12:
@@ -328,55 +300,38 @@ class FocalStack(NamedTuple):
 
 
 def read_focal_stack(path: Path) -> FocalStack:
-    """The refocused pictures, and the depth look-up table, of a container for sharing (`IMG_0001-stk.lfp`).
-
-    Raises:
-        FileError: The container is damaged, or holds no refocused pictures.
-    """
+    """The refocused pictures, and the depth look-up table, of a container for sharing (`IMG_0001-stk.lfp`)."""
     container = Container.open(path)
-    stack = container.acceleration(REFOCUS_STACK)
-    if stack is None:
-        got = "a depth map only" if container.acceleration(DEPTH_MAP) is not None else "none"
-        remedy = "give IMG_0001-stk.lfp, which Lytro Desktop wrote"
-        raise FileError(f"{path} must hold refocused pictures", got=got, remedy=remedy)
+    stack = container.stack or Record(path, {})
     block = stack.get("blockOfImages", "blockOfImagesRef")
     entries = stack.get("imageArray") if block is None else stack.get("blockOfImages", "metadataArray")
     planes = [Record(path, entry) for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
     lambdas = tuple(plane.number("lambda") for plane in planes)
-    if block is None:
-        pictures = [_decoded_jpeg(container.data(plane.get("imageRef")), path) for plane in planes]
-    else:
-        pictures = _decoded_video(container.data(block), path)
-    if not pictures or len(pictures) != len(planes) or len({picture.shape for picture in pictures}) > 1:
-        shapes = sorted({"{}x{}".format(*picture.shape) for picture in pictures})
-        got = f"{len(pictures)} for {len(planes)} planes, of {', '.join(shapes) or 'no'} pixels"
-        raise FileError(f"{path} must hold pictures of one size, one a plane", got=got, remedy=DAMAGED)
-    width, height = (int(stack.number("depthLut", key)) for key in ("width", "height"))
-    table = container.data(stack.get("depthLut", "imageRef"))
-    if min(width, height) < 1 or len(table) != 4 * width * height:
-        expected = f"{path} must hold a depth table of {width}x{height}"
-        raise FileError(expected, got=f"{len(table)} bytes", remedy=DAMAGED)
-    depth = np.frombuffer(table, "<f4").reshape(height, width).astype(np.float32)
-    if not np.isfinite(depth).all():
-        raise FileError(f"{path} must hold a finite depth table", got="NaN or infinity", remedy=DAMAGED)
-    return FocalStack(np.stack(pictures), lambdas, depth)
+    try:
+        if block is None:
+            pictures = [_decoded_jpeg(container.data(plane.get("imageRef"))) for plane in planes]
+        else:
+            pictures = _decoded_video(container.data(block))
+        stacked = np.stack([picture for picture, _ in zip(pictures, planes, strict=True)])
+        width, height = (int(stack.number("depthLut", key)) for key in ("width", "height"))
+        depth = np.frombuffer(container.data(stack.get("depthLut", "imageRef")), "<f4").reshape(height, width)
+    except ValueError as error:  # no pictures, of several sizes, or tables of another size
+        raise unusable(path, "refocused pictures and a table of depth (IMG_0001-stk.lfp)", first_line(error)) from error
+    return FocalStack(stacked, lambdas, depth.astype(np.float32))
 
 
-def _decoded_jpeg(data: bytes, path: Path) -> NDArray[np.uint8]:
+def _decoded_jpeg(data: bytes) -> NDArray[np.uint8]:
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, f"{path.stem}.jpg")
+        file = Path(folder, "picture.jpg")
         file.write_bytes(data)
         picture = images.read_image(file)
     return np.repeat(picture, 3, axis=2) if picture.shape[2] == 1 else picture[..., :3]
 
 
-def _decoded_video(data: bytes, path: Path) -> list[NDArray[np.uint8]]:
+def _decoded_video(data: bytes) -> list[NDArray[np.uint8]]:
     """The pictures of an H.264 stream without a container, as version 2 of Lytro Desktop stores them."""
-    with extras.needed(path.name):
+    with extras.needed("pictures in H.264"):
         import av  # takes a third of a second to import
 
-    try:
-        with av.open(io.BytesIO(data), "r", format="h264") as stream:
-            return [np.asarray(frame.to_ndarray(format="rgb24"), np.uint8) for frame in stream.decode(video=0)]
-    except av.FFmpegError as error:
-        raise FileError(f"{path} must hold pictures in H.264", got=first_line(error), remedy=DAMAGED) from error
+    with av.open(io.BytesIO(data), "r", format="h264") as stream:
+        return [np.asarray(frame.to_ndarray(format="rgb24"), np.uint8) for frame in stream.decode(video=0)]

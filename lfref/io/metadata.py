@@ -1,8 +1,7 @@
 """Metadata of light fields: camera and exposure from EXIF, Lytro's JSON, MAT files and HCI's `parameters.cfg`.
 
 Everything is text, with its unit. Metadata do not change how a light field is read: missing or damaged entries are left
-out without a message. This module stands apart from `read`: it parses files of other programs, and samples do not
-depend on it.
+out without a message.
 """
 
 import configparser
@@ -16,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from lfref import extras
-from lfref.errors import FileError, first_line
-from lfref.io import atomic, images, lytro_files, view_folders
+from lfref.io import images, lytro_files, view_folders
 
 MAX_SAMPLES = 4096
 """Most samples of an array in a structure: a larger array is no number, text or short list."""
@@ -25,8 +23,7 @@ MAX_DEPTH = 8
 """Deepest nesting of structures to follow."""
 MAX_JSON = 2**22
 """Largest JSON file to read, in bytes; thumbnails in base64 make some of them long."""
-PARAMETERS = "parameters.cfg"
-PARAMETER_KEYS = {
+PARAMETERS = {
     "scene": ("meta", "scene", ""),
     "focal length": ("intrinsics", "focal_length_mm", " mm"),
     "f-number": ("intrinsics", "fstop", ""),
@@ -63,7 +60,7 @@ def read_metadata(path: Path) -> dict[str, str]:
         `baseline`, `focus distance`, and `slopes` (the range of slopes). Entries of pictures replace those of JSON.
     """
     entries: dict[str, str] = {}
-    for source in (_lytro, _exif, hci_metadata):
+    for source in (_lytro, _exif, _hci):
         # Damaged metadata are no reason to refuse a light field, and libraries raise all kinds of errors for them.
         with suppress(Exception):
             entries |= source(path)
@@ -115,9 +112,9 @@ def _lytro(path: Path) -> dict[str, str]:
 
 
 def read_struct(path: Path, name: str) -> Mapping[str, Any]:
-    """The fields of a structure in a MAT file, old (5) or new (7.3); nothing if the file has none of that name.
+    """The fields of a structure in a MAT file, old (5) or new (7.3), as dictionaries, texts and numbers.
 
-    Structures become dictionaries; texts and single numbers become plain values. Damage may raise any error.
+    Damage may raise any error.
     """
     with path.open("rb") as file:
         is_hdf5 = file.read(10) == b"MATLAB 7.3"
@@ -129,14 +126,13 @@ def read_struct(path: Path, name: str) -> Mapping[str, Any]:
     with extras.needed(path.name):
         import h5py
 
-    def fields(group: Any, depth: int) -> dict[str, Any]:
-        # Links that are not hard links may lead to other files.
-        own = [key for key in group if isinstance(group.get(key, getlink=True), h5py.HardLink)]
-        return {key: value(group[key], depth - 1) for key in own} if depth else {}
-
-    def value(item: Any, depth: int) -> Any:
+    def value(group: Any, key: str, depth: int) -> Any:
+        # Other links may lead to other files, and so may external and virtual arrays.
+        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            return None
+        item = group[key]
         if isinstance(item, h5py.Group):
-            return fields(item, depth)
+            return {inner: value(item, inner, depth - 1) for inner in item} if depth else {}
         if item.external or item.is_virtual or item.size > MAX_SAMPLES:
             return None
         array = np.asarray(item[()])
@@ -146,25 +142,16 @@ def read_struct(path: Path, name: str) -> Mapping[str, Any]:
         return array.item() if array.size == 1 else array
 
     with h5py.File(path, "r") as file:
-        is_struct = isinstance(file.get(name, getlink=True), h5py.HardLink) and isinstance(file[name], h5py.Group)
-        return fields(file[name], MAX_DEPTH) if is_struct else {}
+        fields = value(file, name, MAX_DEPTH)
+        return fields if isinstance(fields, dict) else {}
 
 
-def hci_metadata(folder: Path) -> dict[str, str]:
+def _hci(folder: Path) -> dict[str, str]:
     """Metadata in the `parameters.cfg` of the HCI benchmark; `slopes` are its disparities with our sign."""
-    file = folder / PARAMETERS
-    if not file.is_file():
-        return {}
     parser = configparser.ConfigParser(interpolation=None)
-    try:
-        with atomic.file_errors(file, "read"):
-            parser.read_string(file.read_text("utf-8"))
-        entries = {
-            name: parser[section][key] + unit
-            for name, (section, key, unit) in PARAMETER_KEYS.items()
-            if key in parser[section]
-        }
-        low, high = (-float(parser["meta"][key]) for key in ("disp_max", "disp_min"))
-    except (configparser.Error, KeyError, ValueError) as error:
-        raise FileError(f"{file} must be of an HCI light field", got=first_line(error)) from error
+    parser.read(folder / "parameters.cfg", "utf-8")
+    entries = {
+        name: parser[section][key] + unit for name, (section, key, unit) in PARAMETERS.items() if key in parser[section]
+    }
+    low, high = (-float(parser["meta"][key]) for key in ("disp_max", "disp_min"))
     return entries | {"slopes": f"{low:g} {high:g}"}

@@ -7,7 +7,6 @@ Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,11 +15,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref import encoding as encodings
 from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import arrays, cameras, exr, images, lenslets, lytro, lytro_files, metadata, video, view_folders
-from lfref.io.options import LENSLET, ReadOptions
+from lfref.io.samples import LENSLET, ReadOptions, Samples
 from lfref.lightfield import LightField
 
 VERSION = 1
@@ -39,8 +37,8 @@ class Format(NamedTuple):
     """Possible first bytes of a file, `?` for any byte; none for a folder."""
     suffixes: tuple[str, ...]
     """Suffixes by which such files count among those of a folder, in small letters; "" for a folder."""
-    decode: Callable[[Path, ReadOptions], NDArray]
-    """Function that returns the chosen views: uint8, uint16 or float32, weight as the last channel, [V, U, C, H, W]."""
+    decode: Callable[[Path, ReadOptions], Samples]
+    """Function that returns the chosen views."""
     holds_views: Callable[[Path], bool] = Path.is_file
     """Whether a file or folder with such a suffix is a light field."""
     options: tuple[str, ...] = ()
@@ -98,13 +96,6 @@ FORMATS = (
 )
 """Formats of files; a file has the first format with whose magic bytes it starts."""
 TITLES = ", ".join(known.title for known in (*FORMATS, FOLDER))
-UNSUPPORTED = {
-    "a compressed archive": (
-        (b"\x1f\x8b", b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07", b"BZh", b"\xfd7zXZ\0"),
-        "unpack it and read what is in it",
-    ),
-}
-"""Kind of files that other tools unpack -> their possible first bytes, and the remedy."""
 
 
 def format_of(path: Path) -> Format:
@@ -117,11 +108,8 @@ def format_of(path: Path) -> Format:
             return FILM if images.is_animation(path) else known
         if known.name == "lytro" and path.suffix.lower() == lytro_files.BARE:
             return known
-    got, remedy = images.described_head(head), "convert it"
-    for title, (magics, unpacking) in UNSUPPORTED.items():
-        if images.starts_with(head, magics):
-            got, remedy = title, unpacking
-    raise FileError(f"{path} must be a light field: {TITLES}", got=got, remedy=remedy)
+    remedy = "convert it, or unpack it if it is an archive"
+    raise FileError(f"{path} must be a light field: {TITLES}", got=images.described_head(head), remedy=remedy)
 
 
 def is_field(path: Path) -> bool:
@@ -219,56 +207,42 @@ def read(
         >>> lfref.read(path).views.shape
         torch.Size([3, 3, 3, 24, 32])
     """
-    options = ReadOptions.parse(
-        views=views, start=start, transpose=transpose, reverse_v=reverse_v, reverse_u=reverse_u, pattern=pattern,
-        lenslet=lenslet, pitch=pitch, offset=offset, rotation=rotation, lattice=lattice, white=white, size=size,
-        grid=grid, holes=holes, axes=axes, variable=variable, positions=positions, spacing=spacing, encoding=encoding,
-    )  # fmt: skip
-    path = Path(path)
+    given = {name: value for name, value in locals().items() if name != "path"}
+    options, path = ReadOptions.parse(**given), Path(path)
     form = format_of(path)
     # Options for other formats are refused: users would think that they had an effect.
-    changed = [option.name for option in fields(options) if getattr(options, option.name) != option.default]
-    for name in changed:
-        titles = [known.title for known in (*FORMATS, FOLDER) if name in known.options]
-        if titles and form.title not in titles:
-            expected = f"{name} (reader.{name}) concerns {' and '.join(titles)}"
-            raise InputError(expected, got=f"{form.title}, {path}", remedy=f"leave reader.{name} out")
-    whole = form.decode(path, options)
-    height, width = whole.shape[-2:]
+    others = {name for known in (*FORMATS, FOLDER) for name in known.options} - set(form.options)
+    changed = [name for name in sorted(others) if getattr(options, name) != getattr(ReadOptions, name)]
+    if changed:
+        raise InputError(f"{', '.join(changed)} must be left out", got=f"{form.title}, {path}, which has none")
+    colours, weight, tone = form.decode(path, options)
+    height, width = colours.shape[-2:]
     rows, columns = options.size or (height, width)
     if not (1 <= rows <= height and 1 <= columns <= width):
         raise InputError(f"size must lie within the {height}x{width} views of {path}", got=f"{rows}x{columns}")
-    samples = whole[..., :rows, :columns]
-    n_colours = samples.shape[2] - 1 + samples.shape[2] % 2
-    has_weight = n_colours < samples.shape[2]
-    present = np.ones(samples.shape[:2], bool)
-    if has_weight:
-        present &= samples[:, :, -1].any(axis=(2, 3))
-    # Integers of unknown encoding are pictures; floats are light.
-    default = encodings.LINEAR if samples.dtype.kind == "f" else encodings.SRGB
-    tone = view_folders.encoding_of(path, options.encoding, default)
+    colours, weight = (each if each is None else each[..., :rows, :columns] for each in (colours, weight))
+    present = np.ones(colours.shape[:2], bool) if weight is None else weight.any(axis=(2, 3, 4))
     entries = metadata.read_metadata(path) | {"path": str(path), "format": form.name}
-    entries |= {"bits": BITS[samples.dtype.name], "encoding": str(tone)}
+    entries |= {"bits": BITS[colours.dtype.name], "encoding": str(tone)}
     if not present.all():
         entries["missing"] = f"{(~present).sum()} of {present.size} views"
     if (rows, columns) != (height, width):
         entries["cut from"] = f"{height}x{width} pixels"
 
-    if transpose:
-        samples, present = samples.swapaxes(0, 1), present.T
-    has_positions = options.positions is not None or options.spacing is not None
-    stored = cameras.camera_positions(path, options, present) if has_positions else None
     # On a reversed axis, the first view in the file becomes the last, and positions change their sign.
     signs = (-1 if reverse_v else 1), (-1 if reverse_u else 1)
-    samples = samples[:: signs[0], :: signs[1]]
-    stood = None if stored is None else torch.from_numpy(stored[:: signs[0], :: signs[1]] * signs)
+
+    def ordered(stored: NDArray) -> NDArray:
+        return (stored.swapaxes(0, 1) if transpose else stored)[:: signs[0], :: signs[1]]
+
+    stood = cameras.camera_positions(path, options, present.T if transpose else present)
     return LightField(
-        torch.from_numpy(images.decoded(samples[:, :, :n_colours], tone)),
+        torch.from_numpy(images.decoded(ordered(colours), tone)),
         path.absolute().name if path.is_dir() else path.stem,
-        torch.from_numpy(images.to_float(samples[:, :, n_colours:])) if has_weight else None,
+        None if weight is None else torch.from_numpy(images.to_float(ordered(weight))),
         entries,
         is_linear=tone.is_known,
-        positions=stood,
+        positions=None if stood is None else torch.from_numpy(stood[:: signs[0], :: signs[1]] * signs),
     )
 
 

@@ -12,18 +12,15 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfref import encoding as encodings
 from lfref import extras
 from lfref.errors import FileError, InputError, counted, first_line
-from lfref.io import atomic, grid, images
-from lfref.io.options import ReadOptions
-
-if TYPE_CHECKING:
-    import av
+from lfref.io import atomic, images, samples
+from lfref.io.samples import ReadOptions, Samples
 
 Frame = NDArray[np.uint8]
 Frames = Sequence[Frame]
@@ -47,36 +44,30 @@ BT709 = {"color_primaries": 1, "color_trc": 1, "colorspace": 1, "color_range": 1
 """Colour properties of BT.709, as numbers of H.273; the range is that of television."""
 
 
-def decode_film(path: Path, options: ReadOptions) -> NDArray[np.uint8]:
-    """The chosen pictures of a film as views, without alpha, [V, U, 3, H, W]."""
-    if options.pattern not in (None, *STILL):
-        expected = f"pattern (reader.pattern) of a film must be {' or '.join(STILL)}"
-        raise InputError(expected, got=repr(options.pattern), remedy=f"{path} has no names of views")
+def decode_film(path: Path, options: ReadOptions) -> Samples:
+    """The chosen pictures of a film as views, without alpha."""
     sketches = [_sketch(frame) for frame in read_frames(path)]
     count = len(sketches)
-    if count < 2:
-        got, remedy = counted(count, "picture"), "give a film of views, or a folder of views"
-        raise FileError(f"{path} must hold the views of a light field", got=got, remedy=remedy)
-    if options.grid is not None and math.prod(options.grid) != count:
+    shape = options.grid or (1, count)
+    is_known = options.pattern in (None, *STILL) and math.prod(shape) == count
+    if not is_known or count < 2 or len({sketch.shape for sketch in sketches}) > 1:
         shapes = " or ".join(f"[{n},{count // n}]" for n in range(1, count + 1) if count % n == 0)
-        got = f"reader.grid=[{options.grid[0]},{options.grid[1]}]"
-        raise InputError(f"{path} has {count} pictures", got=got, remedy=f"set reader.grid={shapes}")
+        expected = f"{path} must be a film of views of one size, numbered row by row"
+        remedy = f"set reader.grid={shapes}, reader.pattern={' or '.join(STILL)}"
+        raise InputError(expected, got=counted(count, "picture"), remedy=remedy)
     if options.grid is None:
         _check_row(path, sketches, options)
-    shape = options.grid or (1, count)
     rows, columns = options.window(shape, path)
     views: NDArray[np.uint8] | None = None
     for number, frame in enumerate(read_frames(path)):
-        row, column = grid.cell_of(number, shape[1], options.pattern == "serpentine")
+        row, column = samples.cell_of(number, shape[1], options.pattern == "serpentine")
         if views is None:
             views = np.zeros((rows.stop - rows.start, columns.stop - columns.start, 3, *frame.shape[:2]), np.uint8)
-        if frame.shape[:2] != views.shape[3:]:
-            got = f"{views.shape[3]}x{views.shape[4]}, then {frame.shape[0]}x{frame.shape[1]}"
-            raise FileError(f"{path} must hold pictures of one size", got=got, remedy="export it again")
         if rows.start <= row < rows.stop and columns.start <= column < columns.stop:
             views[row - rows.start, column - columns.start] = frame.transpose(2, 0, 1)
     assert views is not None, "a film of no pictures was refused"
-    return views
+    tone = encodings.SRGB if options.encoding == "file" else encodings.parsed(options.encoding)
+    return Samples(views, None, tone)
 
 
 def _sketch(frame: Frame) -> NDArray[np.float32]:
@@ -90,28 +81,27 @@ def _check_row(path: Path, sketches: list[NDArray[np.float32]], options: ReadOpt
     def difference(one: int, other: int) -> float:
         return float(np.abs(sketches[one] - sketches[other]).mean())
 
-    count = len(sketches)
-    if count > MOST_FRAMES and options.views is None:
-        remedy = "set reader.views=[1,64] for 64 in its middle, reader.start=0 for those of its beginning"
-        raise InputError(f"{path} must have at most {MOST_FRAMES} pictures", got=count, remedy=remedy)
-    if len({sketch.shape for sketch in sketches}) > 1:
-        return  # `decode_film` says so
-    steps = float(np.mean([difference(k, k + 1) for k in range(count - 1)]))
-    # The turning picture may be there once or twice.
-    for last in (count, count - 1):
-        mirrored = [difference(k, last - k) for k in range(max(0, last + 1 - count), (last - 1) // 2 + 1)]
-        if count > 3 and options.views is None and np.mean(mirrored) < BACK_RATIO * steps:
-            remedy = f"set reader.views=[1,{last // 2 + 1}] reader.start=0"
-            raise FileError(f"{path} must show each view once", got="a film that goes there and back", remedy=remedy)
+    count, remedy = len(sketches), ""
+    if options.views is None:
+        steps = float(np.mean([difference(k, k + 1) for k in range(count - 1)]))
+        # The turning picture may be there once or twice.
+        for last in (count, count - 1):
+            mirrored = [difference(k, last - k) for k in range(max(0, last + 1 - count), (last - 1) // 2 + 1)]
+            if count > 3 and np.mean(mirrored) < BACK_RATIO * steps:
+                got, remedy = "a film that goes there and back", f"set reader.views=[1,{last // 2 + 1}] reader.start=0"
+        if count > MOST_FRAMES:
+            got, remedy = counted(count, "picture"), "set reader.views=[1,64], and reader.start=0 for its beginning"
     ratios = {}
     for columns in (n for n in range(2, count // 2 + 1) if count % n == 0):
         last = columns * (count // columns // 2) - 1
         ratios[columns] = difference(last, last + 1) / max(difference(last, last + columns), 1e-6)
     columns = max(ratios, key=lambda n: ratios[n], default=0)
-    if columns and options.pattern is None and ratios[columns] > grid.ROW_RATIO:
-        remedy = f"set reader.grid=[{count // columns},{columns}], or reader.grid=[1,{count}] for one row"
+    if not remedy and columns and options.pattern is None and ratios[columns] > samples.ROW_RATIO:
         got = f"{count} pictures that look like a grid"
-        raise FileError(f"{path} must be one row of views", got=got, remedy=remedy)
+        remedy = f"set reader.grid=[{count // columns},{columns}], or reader.grid=[1,{count}] for one row"
+    if remedy:
+        expected = f"{path} must be one row of at most {MOST_FRAMES} views, each of them once"
+        raise FileError(expected, got=got, remedy=remedy)
 
 
 def read_frames(path: Path) -> Iterator[Frame]:
@@ -122,7 +112,7 @@ def read_frames(path: Path) -> Iterator[Frame]:
             for part in itertools.takewhile(lambda part: source.seek_subimage(part, 0), itertools.count()):
                 picture = source.read_image(part, 0, 0, 3, "uint8")
                 if (reason := source.geterror()) or picture is None:
-                    raise _damaged(path, reason)
+                    raise images.damaged(path, reason)
                 yield picture
         return
     with extras.needed("a film"):
@@ -137,11 +127,7 @@ def read_frames(path: Path) -> Iterator[Frame]:
                 picture = frame.reformat(format="rgb24", src_colorspace=space).to_ndarray()
                 yield np.ascontiguousarray(np.rot90(picture, getattr(frame, "rotation", 0) // 90))
     except (av.FFmpegError, IndexError) as error:
-        raise _damaged(path, "no pictures" if isinstance(error, IndexError) else first_line(error)) from error
-
-
-def _damaged(path: Path, reason: str) -> FileError:
-    return FileError(f"{path} cannot be decoded", got=reason, remedy="the film may be damaged: export it again")
+        raise images.damaged(path, first_line(error)) from error
 
 
 def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) -> None:
@@ -157,61 +143,33 @@ def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) ->
         >>> frames = [np.full((32, 48, 3), level, np.uint8) for level in (0, 128, 255)]
         >>> write_video("fade.mp4", frames)
     """
+    with extras.needed("a film"):
+        import av
+
     path = Path(path)
-    if path.suffix.lower() != ".mp4":
-        raise InputError(f"{path} must end in .mp4", remedy="choose another suffix")
-    if not 0.01 <= rate <= 100:
-        raise InputError("rate must be from 0.01 to 100 frames a second", got=rate)
-    with atomic.replacing(path) as partial:
-        _write(partial, path, _checked(frames), Fraction(rate).limit_denominator(1000))
+    if path.suffix.lower() != ".mp4" or not 0.01 <= rate <= 100:
+        raise InputError("a film must end in .mp4, and have 0.01 to 100 frames a second", got=f"{path}, {rate}")
+    try:
+        with (
+            atomic.replacing(path) as partial,
+            av.open(str(partial), "w", options={"movflags": "faststart"}) as container,
+        ):
+            container.metadata["comment"] = "lfref"
+            stream = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000), options=X264)
+            stream.pix_fmt = "yuv420p"
+            for name, value in BT709.items():
+                setattr(stream.codec_context, name, value)
+            for frame in frames:
+                even = np.pad(frame, [*((0, side % 2) for side in frame.shape[:2]), (0, 0)], "edge")
+                stream.height, stream.width = even.shape[:2]
+                picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
+                converted = picture.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
+                container.mux(stream.encode(converted))
+            container.mux(stream.encode())
+    except av.FFmpegError as error:
+        raise FileError(f"{path} cannot be written", got=first_line(error), remedy="check the disk") from error
 
 
 def there_and_back(frames: Frames) -> Frames:
     """Frames from the first to the last and back, so that the film may begin again where it ends."""
     return [*frames, *frames[-2:0:-1]]
-
-
-def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """The frames, one by one, after a check that each is like the first."""
-    first: tuple[int, ...] | None = None
-    for frame in frames:
-        first = first or frame.shape
-        if frame.dtype != np.uint8 or frame.shape != first:
-            raise InputError("frames must be uint8 and of one shape", got=f"{first}, then {frame.dtype} {frame.shape}")
-        if len(first) != 3 or first[2] != 3 or 0 in first:
-            raise InputError("frames must be [H, W, 3]", got=f"shape {first}")
-        yield frame
-    if first is None:
-        raise InputError("frames must be uint8 and of one shape", got="none")
-
-
-def _write(partial: Path, path: Path, frames: Iterator[Frame], rate: Fraction) -> None:
-    with extras.needed(path.name):
-        import av  # takes a third of a second to import
-
-    try:
-        with av.open(str(partial), "w", options={"movflags": "faststart"}) as container:
-            container.metadata["comment"] = "lfref"
-            _write_mp4(container, frames, rate)
-    except av.FFmpegError as error:
-        reason = first_line(error)
-        raise FileError(f"{path} cannot be written", got=reason, remedy="check the folder and the disk") from error
-
-
-def _write_mp4(container: "av.container.OutputContainer", frames: Iterator[Frame], rate: Fraction) -> None:
-    padded = (np.pad(frame, [(0, side % 2) for side in frame.shape[:2]] + [(0, 0)], "edge") for frame in frames)
-    first = next(padded)
-    stream: Any = container.add_stream("libx264", rate=rate, options=X264)
-    (stream.height, stream.width), stream.pix_fmt = first.shape[:2], "yuv420p"
-    for name, value in BT709.items():
-        setattr(stream.codec_context, name, value)
-    for frame in _frames(itertools.chain([first], padded)):
-        converted = frame.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
-        container.mux(stream.encode(converted))
-    container.mux(stream.encode())
-
-
-def _frames(frames: Iterable[Frame]) -> Iterator["av.VideoFrame"]:
-    import av
-
-    return (av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24") for frame in frames)

@@ -18,11 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref import encoding as encodings
-from lfref.encoding import Encoding
 from lfref.errors import FileError, InputError, LfrefError, counted
-from lfref.io import atomic, grid, images
-from lfref.io.options import ReadOptions
+from lfref.io import atomic, images, samples
+from lfref.io.samples import Cell, ReadOptions, Samples
 from lfref.io.view_names import NamedFile, compiled, fields_of, fitting_option, groups_of, numbered_fields
 
 log = logging.getLogger(__name__)
@@ -33,8 +31,6 @@ LARGEST_NUMBERED = 2500
 """Height and width, in pixels, from which numbered pictures may be lenslet images of several scenes."""
 N_NAMED = 5
 """Most pictures that are named in the log as left out."""
-GAMMAS = (0.1, 10.0)
-"""Smallest and largest plausible exponent in a header."""
 BESIDE = "_truth", "_disparity", "_all_in_focus", "_masks", "_sheet"
 """Ends of the names of pictures that `lfref simulate` writes beside views."""
 N_WRITERS = 4
@@ -86,11 +82,11 @@ def is_view(path: Path) -> bool:
 class Arrangement(NamedTuple):
     """Places of a light field's files on the grid."""
 
-    cells: dict[grid.Cell, NamedFile]
+    cells: dict[Cell, NamedFile]
     """File at each row and column from 0."""
     shape: tuple[int, int]
     """Rows and columns of the grid; some views may be missing."""
-    name_of: Callable[[grid.Cell], str]
+    name_of: Callable[[Cell], str]
     """Name that the file at a row and column should have."""
 
 
@@ -110,9 +106,9 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arran
     if groups == ["index"]:
         shape, base = _square_or_option(folder, field, [index for (index,) in numbered], options.grid)
         is_serpentine = options.pattern == "serpentine"
-        cells = {grid.cell_of(index - base, shape[1], is_serpentine): file for (index,), file in numbered.items()}
+        cells = {samples.cell_of(index - base, shape[1], is_serpentine): file for (index,), file in numbered.items()}
 
-        def name_of_index(cell: grid.Cell) -> str:
+        def name_of_index(cell: Cell) -> str:
             column = shape[1] - 1 - cell[1] if is_serpentine and cell[0] % 2 else cell[1]
             return field[0].renamed({"index": base + shape[1] * cell[0] + column})
 
@@ -131,10 +127,10 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arran
     step = math.gcd(*(number for row, column in numbered for number in (row - top, column - left))) or 1
     cells = {((row - top) // step, (column - left) // step): file for (row, column), file in numbered.items()}
 
-    def name_of(cell: grid.Cell) -> str:
+    def name_of(cell: Cell) -> str:
         return field[0].renamed({"row": top + step * cell[0], "column": left + step * cell[1]})
 
-    return Arrangement(cells, grid.extent(cells), name_of)
+    return Arrangement(cells, samples.extent(cells), name_of)
 
 
 def _square_or_option(
@@ -179,18 +175,19 @@ def square(first: int, last: int, count: int) -> tuple[int, int] | None:
     return None
 
 
-def decode_folder(folder: Path, options: ReadOptions) -> NDArray:
-    """The chosen views of a folder in the files' own type, alpha as the last channel, [V, U, C, H, W]."""
+def decode_folder(folder: Path, options: ReadOptions) -> Samples:
+    """The chosen views of a folder."""
     cells, shape, name_of = _arranged(folder, options)
-    stored = grid.Grid(shape, {cell: file.path for cell, file in cells.items()})
-    grid.check_holes(stored, name_of, folder, options.holes)
+    paths = {cell: file.path for cell, file in cells.items()}
+    samples.check_holes(paths, shape, name_of, folder, options.holes)
     if options.pattern is None and options.grid is None:
-        _check_square(folder, stored)
-    views = set(stored.cells.values())
+        _check_square(folder, paths, shape)
+    views = set(paths.values())
     if others := [path for path in image_files(folder) if path not in views]:
         log.info("%s: left out, since they are no views: %s", folder, first_names(others))
-    window = options.window(shape, folder)
-    return grid.gather(stored, window, images.read_image, str)
+    colours, weight = samples.gather(paths, options.window(shape, folder), images.read_image)
+    tone = images.encoding_of(next(iter(paths.values())), options.encoding, images.usual_encoding(colours))
+    return Samples(colours, weight, tone)
 
 
 def first_names(paths: Sequence[Path]) -> str:
@@ -240,22 +237,22 @@ def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
     return fields[0]
 
 
-def _check_square(folder: Path, stored: grid.Grid[Path]) -> None:
+def _check_square(folder: Path, stored: dict[Cell, Path], shape: Cell) -> None:
     """Refuse a row of pictures, such as those of a moving camera, that seems a square grid because of its number.
 
     The next picture after the last view of a grid's row is the first view of the row below, which is far away: the view
     right below differs less. In a single row of pictures, the next picture differs less.
     """
-    n_rows, n_columns = stored.shape
+    n_rows, n_columns = shape
     cells = (n_rows // 2 - 1, n_columns - 1), (n_rows // 2, 0), (n_rows // 2, n_columns - 1)
-    paths = [stored.cells.get(cell) for cell in cells]
-    if None in paths or fields_of(stored.cells.values()):
+    paths = [stored.get(cell) for cell in cells]
+    if None in paths or fields_of(stored.values()):
         return
     last, first_below, last_below = (images.read_image(path).astype(np.float32) for path in paths if path)
     if not last.shape == first_below.shape == last_below.shape:
         return  # `gather` names the view that is unlike the others
-    if np.abs(last_below - last).mean() > grid.ROW_RATIO * np.abs(first_below - last).mean():
-        got, n_views = f"{len(stored.cells)} pictures that look like one row", len(stored.cells)
+    if np.abs(last_below - last).mean() > samples.ROW_RATIO * np.abs(first_below - last).mean():
+        got, n_views = f"{len(stored)} pictures that look like one row", len(stored)
         remedy = f"set reader.pattern=index and reader.grid=[1,{n_views}], or reader.grid=[{n_rows},{n_columns}]"
         raise FileError(f"{folder} must hold a square grid of views, row by row", got=got, remedy=remedy)
 
@@ -274,36 +271,6 @@ def positions_in_names(folder: Path, options: ReadOptions) -> NDArray[np.float64
             raise FileError(expected, got=file.path.name, remedy=remedy)
         positions[cell] = float(groups["v"]), float(groups["u"])
     return positions[options.window(arrangement.shape, folder)]
-
-
-def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
-    """The encoding of a file's samples: the option, else the file's header, else the default.
-
-    Encodings stand in the sRGB and gAMA chunks of PNG, and in the EXIF of JPEG and TIFF.
-
-    Args:
-        path: A file, or a folder of views, whose first one counts for all.
-        option: The option `encoding` of `lfref.read`; `file`: as the header says.
-        default: Encoding for headers that say none, or an unknown one.
-    """
-    if option != "file":
-        return encodings.parsed(option)
-    files = [path]
-    if path.is_dir():
-        files = image_files(path)
-        fields = [field for field in fields_of(files) if len(field) > 1] or numbered_fields(files)
-        files = [file.path for file in max(fields, key=len)] if fields else files
-    if not files or images.format_of_head(images.read_head(files[0])) is None:
-        return default
-    with images.open_image(files[0]) as source:
-        spec = source.spec()
-    space = spec.get_string_attribute("oiio:ColorSpace").lower()
-    gamma = spec.get_float_attribute("oiio:Gamma", 0.0)
-    if space.startswith(("lin", "scene_linear")):
-        return encodings.LINEAR
-    if GAMMAS[0] <= gamma <= GAMMAS[1] and gamma != 1:
-        return encodings.parsed(f"gamma:{gamma:.4g}")
-    return encodings.SRGB if space.startswith("srgb") else default
 
 
 def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from lfref import encoding as encodings
 from lfref.encoding import Encoding
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError, InputError, counted
 from lfref.geometry import FocalPlanes
 from lfref.io import exr, images, view_folders
 from lfref.lightfield import LightField
@@ -52,9 +52,8 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None, overw
     path, views = Path(path), field.views
     _check(path, views, overwrite)
     if field.positions is not None:
-        expected, got = f"{path} holds views of cameras on an even grid", "cameras at positions of their own"
         remedy = "write it without positions, and read it with positions=FILE or spacing=[ROWS,COLUMNS]"
-        raise InputError(expected, got=got, remedy=remedy)
+        raise InputError("only views of an even grid can be written", got="positions of cameras", remedy=remedy)
     # A folder consists of pictures, which are encoded.
     samples = views if path.suffix else field.picture_encoding.encode(views)
     if field.weight is not None:
@@ -85,8 +84,6 @@ def write_stack(
         overwrite: Write over files of equal names; without it, FileError if the path exists.
     """
     path = Path(path)
-    if stack.ndim != 4 or len(stack) != len(planes):
-        raise InputError(f"stack must be [N, C, H, W] with N = {len(planes)} planes", got=f"shape {list(stack.shape)}")
     _check(path, stack, overwrite)
     samples = (stack if path.suffix else encoding.encode(stack)).detach().to("cpu", torch.float32).numpy()
     if path.suffix:
@@ -115,7 +112,6 @@ def write_pictures(
         bits: Bits per sample, as in `images.write_image`.
         quality: Quality of JPEG and AVIF files, from 1 to 100.
     """
-    images.sample_type(Path(path) / f"x{suffix}", bits)
     names = (re.sub(r"[, ]+", "_", title) for title in planes.titles)
     files = (f"plane_{n:02d}_{name}{suffix}" for n, name in enumerate(names))
     view_folders.write_images(Path(path), zip(files, pictures, strict=True), bits, quality)
@@ -125,7 +121,6 @@ def write_pictures(
 def _check(path: Path, light: Tensor, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise FileError(f"{path} must be new", got="one that is there", remedy="choose another, or overwrite=True")
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path} must end in .exr, or have no suffix for a folder", remedy="choose another name")
-    if light.shape[-3] not in (1, 3):
-        raise InputError("only 1 or 3 channels can be written", got=light.shape[-3])
+    if path.suffix.lower() not in SUFFIXES or light.shape[-3] not in (1, 3):
+        expected = f"{path} must end in .exr, or have no suffix for a folder, and get 1 or 3 channels"
+        raise InputError(expected, got=counted(light.shape[-3], "channel"))

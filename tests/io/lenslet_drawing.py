@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfref.io.lenslet_lattice import Lattice, upright
-from lfref.io.options import ROW_DISTANCES
+from lfref.io.samples import ROW_DISTANCES
 
 PITCH = 14.29
 

@@ -139,3 +139,13 @@ def focused_sensor(lattice: Lattice, size: Size, virtual_depth: float, blurs: tu
 def frontal(pitch: float, offset: tuple[float, float] = (6.3, 7.9), rotation: float = 0.3) -> Lattice:
     """A hexagonal lattice."""
     return upright((pitch * 0.75**0.5, pitch), offset, rotation, True)
+
+
+def sensor(lattice, disparity=0.3, size=(460, 520), width=0.34, noise=0.01):
+    """A natural scene of a disparity behind lenslets, [H, W]."""
+    place, direction = under(lattice, size)
+    smooth = ndimage.gaussian_filter(landscape((1200, 1200), 3), 1.0)
+    at = [2 * (place[..., k] - disparity * direction[..., k]) + 200 for k in (0, 1)]
+    light = ndimage.map_coordinates(smooth, at, order=1, mode="wrap")
+    spot = np.exp(-((np.linalg.norm(direction, axis=-1) / lattice.pitch[1] / width) ** 2) / 2)
+    return (light * spot + noise * np.random.default_rng(0).normal(size=size)).clip(0, 1)

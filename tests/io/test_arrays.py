@@ -8,7 +8,7 @@ import pytest
 
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import arrays, read
-from lfref.io.options import ReadOptions
+from lfref.io.samples import ReadOptions
 from tests.io.saving import SAVED, save_mat, save_mat_73, save_npy, save_npz
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import cameras, read
-from lfref.io.options import ReadOptions
+from lfref.io.samples import ReadOptions
 
 UNEVEN = cameras.even_positions((3, 3)) + 0.1 * np.random.default_rng(0).standard_normal((3, 3, 2))
 ALL = np.ones((3, 3), bool)

@@ -17,8 +17,8 @@ from lfref.lightfield import LightField
 from tests.conftest import ROOT
 from tests.io import lytro_drawing
 from tests.io.lenslet_drawing import lenslet_image, made, white_image
+from tests.io.photographs import sensor
 from tests.io.saving import save_mat
-from tests.io.test_lenslet_evidence import sensor
 from tests.io.test_video import film, moved
 
 Maker = Callable[[Path], object]

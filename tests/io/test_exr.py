@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from lfref.errors import FileError
 from lfref.geometry import planes_at_alphas
 from lfref.io import exr, images
-from lfref.io.options import ReadOptions
+from lfref.io.samples import ReadOptions
 
 ALL = ReadOptions()
 

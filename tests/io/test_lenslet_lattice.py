@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lfref.io import lenslet_lattice, lenslets
 from lfref.io.lenslet_lattice import upright
-from lfref.io.options import ROW_DISTANCES
+from lfref.io.samples import ROW_DISTANCES
 from tests.io.lenslet_drawing import lenslet_image, made, scene
 
 

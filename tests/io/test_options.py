@@ -8,7 +8,7 @@ import pytest
 
 from lfref.errors import InputError
 from lfref.io import lenslets, read
-from lfref.io.options import ReadOptions
+from lfref.io.samples import ReadOptions
 from tests.io.lenslet_drawing import made
 
 

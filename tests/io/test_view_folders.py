@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lfref import encoding
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import images, read, view_folders, view_names
-from lfref.io.options import ReadOptions
+from lfref.io.samples import ReadOptions
 
 FOLDER = Path("f")
 

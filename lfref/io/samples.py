@@ -1,0 +1,248 @@
+"""What readers get and return: options that choose views, and the samples of those views with their weight apart.
+
+Views that are stored one by one stand in the cells of a grid; a cell without a view is a hole, whose weight is 0.
+Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfref.encoding import Encoding
+from lfref.errors import FileError, InputError
+
+Source = TypeVar("Source")
+Pair = tuple[float, float]
+"""Two numbers: of rows and of columns, or (y, x) in pixels."""
+Cell = tuple[int, int]
+"""Row and column of a view, from 0."""
+LENSLET = 14
+"""Number of views along each axis of the ESLF images of the Stanford archive."""
+ROW_DISTANCES = {"square": 1.0, "hexagonal": math.sqrt(3) / 2}
+"""Lattice -> distance between its rows, in distances between neighbours of a row."""
+SHORTEST_PITCH = 2.0
+"""Shortest pitch, in pixels: one for each of two views."""
+ROW_RATIO = 1.5
+"""Difference of a view from the one below, over that from the next one, above which pictures count as one row."""
+FEWEST_HOLES = 4
+"""Fewest missing views that may be intended: the smallest such grids lack four corners, or four views of 3x3."""
+
+
+class Samples(NamedTuple):
+    """The chosen views of a light field as its file holds them."""
+
+    colours: NDArray
+    """uint8, uint16 or float32, [V, U, C, H, W] with C 1 or 3."""
+    weight: NDArray | None
+    """Trust in each sample, uint8, uint16 or float32, [V, U, 1, H, W]; None: 1 everywhere."""
+    encoding: Encoding
+    """Encoding of the colours."""
+
+
+def split_weight(samples: NDArray, axis: int = -1) -> tuple[NDArray, NDArray | None]:
+    """Colours, and the weight, which is the last of 2 or 4 channels along an axis."""
+    n_channels = samples.shape[axis]
+    if n_channels % 2:
+        return samples, None
+    colours, weight = np.split(samples, [n_channels - 1], axis)
+    return colours, weight
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Options as `lfref.read` describes them; `parse` checks them. `views` and `grid` count as the file does."""
+
+    views: Cell | None = None
+    start: int | None = None
+    transpose: bool = False
+    reverse_v: bool = False
+    reverse_u: bool = False
+    pattern: str | None = None
+    lenslet: int = LENSLET
+    pitch: Pair | None = None
+    """Distance between rows, and between the lenslets of a row, in pixels."""
+    offset: Pair | None = None
+    rotation: float | None = None
+    lattice: str | None = None
+    """A key of `ROW_DISTANCES`."""
+    white: Path | None = None
+    size: Cell | None = None
+    grid: Cell | None = None
+    holes: bool | None = None
+    axes: str | None = None
+    variable: str | None = None
+    positions: str | None = None
+    spacing: Pair | None = None
+    encoding: str = "file"
+
+    @classmethod
+    def parse(cls, **given: Any) -> "ReadOptions":
+        """Options from the values that a user wrote; a pair may be a list, `views` and `pitch` one number for both."""
+        try:
+            options = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+            row_distance = ROW_DISTANCES.get(options.get("lattice") or "square", 1.0)
+            if isinstance(pitch := options.get("pitch"), int | float):
+                options["pitch"] = pitch * row_distance, pitch
+            if isinstance(views := options.get("views"), int):
+                options["views"] = views, views
+            if options.get("transpose"):
+                # Users count rows and columns of the light field, decoders those of the file.
+                options |= {name: options[name][::-1] for name in ("views", "grid") if options.get(name) is not None}
+            options |= {
+                name: form(options[name]) for name, form in (("white", Path), ("positions", str)) if options.get(name)
+            }
+            own = cls(**options)
+            pitches, offset, spacing = own.pitch or (math.inf, math.inf), own.offset or (0, 0), own.spacing or (1, 1)
+            rules = {
+                "lenslet, at least 1 pixel": own.lenslet >= 1,
+                f"pitch, at least {SHORTEST_PITCH:g} pixels": min(pitches) >= SHORTEST_PITCH * row_distance,
+                "offset, two finite numbers": all(map(math.isfinite, offset)) and len(offset) == 2,
+                "rotation, -45 to 45 degrees (turn the image by 90 degrees if need be)": abs(own.rotation or 0) <= 45,
+                f"lattice, {' or '.join(ROW_DISTANCES)}": own.lattice in (None, *ROW_DISTANCES),
+                "size, two numbers": own.size is None or len(own.size) == 2,
+                "spacing, two steps above 0": all(0 < step < math.inf for step in spacing) and len(spacing) == 2,
+            }
+        except (TypeError, ValueError, IndexError) as error:
+            rules = {f"options as lfref.read describes them ({error})": False}
+        broken = [rule for rule, holds in rules.items() if not holds]
+        if broken:
+            got = ", ".join(f"{name}={value!r}" for name, value in given.items() if value)
+            raise InputError(f"the reader needs {broken[0]}", got=got)
+        return own
+
+    @property
+    def describes_lenslets(self) -> bool:
+        """Whether any option says where lenslets stand; else they are aligned with the pixels of the image."""
+        return any(getattr(self, name) is not None for name in ("pitch", "offset", "rotation", "lattice", "white"))
+
+    def window(self, grid: Sequence[int], path: Path, views: Cell | None = None) -> tuple[slice, slice]:
+        """Rows and columns to keep of a grid in the file at `path`; `views` stands in for the option."""
+        slices = []
+        for n_views, count in zip(grid, views or self.views or grid, strict=True):
+            # Rounded up, so that 7 of 14 are views 4 to 10, whose centre 7 is the usual reference view.
+            first = (n_views - count + 1) // 2 if self.start is None else self.start
+            if count < 1 or first < 0 or first + count > n_views:
+                got = f"views {count}, start {'in the middle' if self.start is None else first}"
+                remedy = "choose reader.views and reader.start to fit"
+                raise InputError(f"views to keep must be among the {n_views} of {path}", got=got, remedy=remedy)
+            slices.append(slice(first, first + count))
+        return slices[0], slices[1]
+
+
+def extent(cells: Iterable[Cell]) -> Cell:
+    """Rows and columns of the smallest grid with these cells."""
+    rows, columns = zip(*cells, strict=True)
+    return 1 + max(rows), 1 + max(columns)
+
+
+def cell_of(number: int, n_columns: int, is_serpentine: bool = False) -> Cell:
+    """The cell of a view by its number, row by row; on a serpentine path every second row runs to the left."""
+    row, column = divmod(number, n_columns)
+    return row, n_columns - 1 - column if is_serpentine and row % 2 else column
+
+
+def check_holes(
+    cells: Iterable[Cell], shape: Cell, name_of: Callable[[Cell], str], path: Path, allowed: bool | None
+) -> None:
+    """Refuse a grid whose views are missing by accident.
+
+    Crosses, diagonals and grids without corners are intended: they are the same after half a turn, and an incomplete
+    copy hardly ever is.
+
+    Args:
+        cells: Cells with a view.
+        shape: Rows and columns of the grid.
+        name_of: Name that the view at a cell should have.
+        path: File or folder, for the message.
+        allowed: Whether views may be missing; None: only if the holes seem intended.
+    """
+    (rows, columns), present = shape, set(cells)
+    n_holes = rows * columns - len(present)
+    # A stray file name may imply billions of views.
+    is_plausible = max(shape) <= 4 * len(present)
+    is_on_purpose = n_holes >= FEWEST_HOLES and present == {
+        (rows - 1 - row, columns - 1 - column) for row, column in present
+    }
+    if not n_holes or (is_plausible and (allowed or (allowed is None and is_on_purpose))):
+        return
+    first = next((row, column) for row in range(rows) for column in range(columns) if (row, column) not in present)
+    got = f"no {name_of(first)} ({n_holes} of {rows * columns} missing)"
+    raise FileError(
+        f"{path} must hold a view for each row and column", got=got, remedy="add them, or set reader.holes=true"
+    )
+
+
+def gather(
+    cells: Mapping[Cell, Source], window: tuple[slice, slice], load: Callable[[Source], NDArray]
+) -> tuple[NDArray, NDArray | None]:
+    """Colours [V, U, C, H, W] and weight [V, U, 1, H, W] of the views in a window, in the type of the files.
+
+    A missing view has weight 0, and holds the mean of the others.
+
+    Args:
+        cells: Where views are stored.
+        window: Rows and columns to keep.
+        load: Reads one view, [H, W, C].
+    """
+    shape = window[0].stop - window[0].start, window[1].stop - window[1].start
+    present = {
+        (row, column): cells[row + window[0].start, column + window[1].start]
+        for row, column in np.ndindex(shape)
+        if (row + window[0].start, column + window[1].start) in cells
+    }
+    if not present:
+        raise FileError(f"the {shape[0]}x{shape[1]} views to keep must be there", got="none", remedy="set reader.views")
+    whole: NDArray | None = None
+    for cell, source in present.items():
+        view = load(source)
+        if whole is None:
+            whole = np.zeros((*shape, *view.shape), view.dtype)
+        if (view.shape, view.dtype) != (whole.shape[2:], whole.dtype):
+            kinds = [
+                f"{of[0]}x{of[1]}, {of[2]} channels, {kind}"
+                for of, kind in ((whole.shape[2:], whole.dtype), (view.shape, view.dtype))
+            ]
+            raise FileError(
+                f"{source} must be {kinds[0]} as the views before it", got=kinds[1], remedy="all views must be alike"
+            )
+        whole[cell] = view
+    assert whole is not None, "a window without views was refused"
+    colours, weight = split_weight(whole.transpose(0, 1, 4, 2, 3), axis=2)
+    if len(present) < shape[0] * shape[1]:
+        is_present = np.zeros((*shape, 1, 1, 1), bool)
+        is_present[tuple(zip(*present, strict=True))] = True
+        full = np.iinfo(colours.dtype).max if colours.dtype.kind == "u" else 1
+        weight = (
+            np.where(is_present, full, 0).astype(colours.dtype) * np.ones_like(colours[:, :, :1])
+            if weight is None
+            else weight
+        )
+        # Results exclude the mean by its weight 0; it only keeps black from divisions and from filters without weights.
+        mean = colours[is_present[..., 0, 0, 0]].mean(axis=0, dtype=np.float64)
+        colours[~is_present[..., 0, 0, 0]] = np.rint(mean) if colours.dtype.kind == "u" else mean
+    return colours, weight
+
+
+def check_memory(n_bytes: float, what: str) -> None:
+    """Refuse work that needs more memory than this process can get; Linux would kill it halfway, without a message."""
+    limit = math.inf
+    with suppress(OSError, TypeError):  # not on Linux
+        entry = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text())
+        limit = int(entry[1]) * 1024  # type: ignore[index]
+    with suppress(OSError, ValueError):  # no container
+        folder = Path("/sys/fs/cgroup")
+        used = int((folder / "memory.current").read_text())
+        limit = min(limit, int((folder / "memory.max").read_text()) - used)
+    if n_bytes > limit:
+        got, remedy = (
+            f"{n_bytes / 1e9:.1f} GB for {limit / 1e9:.1f} GB",
+            "give reader.views or reader.size to read less",
+        )
+        raise InputError(f"{what} must fit into memory", got=got, remedy=remedy)
