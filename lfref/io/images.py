@@ -47,7 +47,7 @@ FORMATS = {
     "webp": ImageFormat((b"RIFF????WEBP",), (".webp",)),
     "hdr": ImageFormat((b"#?RADIANCE", b"#?RGBE"), (".hdr",)),
 }
-"""Formats that are read; the suffix of a file does not matter."""
+"""Formats that are read, whatever the suffix of a file."""
 SUFFIXES = [suffix for image_format in FORMATS.values() for suffix in image_format.suffixes]
 ARRAY_TYPES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 """Sample type of the file -> sample type of the array."""
@@ -156,14 +156,9 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
-    """The encoding of a file's samples: the option, else the file's header, else the default.
+    """The encoding of a file's samples: the option `encoding`, else the file's header, else the default.
 
     Encodings stand in the sRGB and gAMA chunks of PNG, and in the EXIF of JPEG and TIFF.
-
-    Args:
-        path: Any file.
-        option: The option `encoding` of `lfref.read`; `file`: as the header says.
-        default: Encoding for files that are no images, and for headers that say none, or an unknown one.
     """
     if option != "file":
         return encodings.parsed(option)
@@ -216,12 +211,7 @@ def check_finite(samples: NDArray, path: Path) -> None:
 
 
 def read_image(path: str | Path) -> NDArray:
-    """The first image of a file in one of `FORMATS`.
-
-    Returns:
-        Samples in the file's own type (uint8, uint16; float32 for half and float), alpha not multiplied into
-        the colours, [H, W, C] with C 1 to 4.
-    """
+    """The first image of a file: uint8, uint16 or float32, alpha not multiplied in, [H, W, C] with C 1 to 4."""
     with open_image(Path(path)) as source:
         return read_part(source, Path(path))
 

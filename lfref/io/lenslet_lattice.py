@@ -85,9 +85,7 @@ class Lattice:
     def within(self, size: tuple[int, int], reach: Pair) -> tuple[range, range]:
         """Rows and columns of a large block of lenslets, all of them wholly in a picture; empty if there is none.
 
-        Args:
-            size: Height and width of the picture, in pixels.
-            reach: How far a lenslet extends from its centre along `y` and `x`, in pixels.
+        `reach` is how far a lenslet extends from its centre along `y` and `x`, in pixels.
         """
         i, j = self.numbers_around(size)
         y, x = self.centres(i[:, None], j[None, :])
@@ -152,12 +150,9 @@ def sample_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window
 
 
 def interpolate(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[np.float32]:
-    """Samples of a picture between its pixels, [I, J, C].
+    """Samples of a picture between its pixels, at rows `y` and columns `x` [I, J], [I, J, C].
 
-    Args:
-        padded: The picture with 1 pixel more above and on the left, 3 below and on the right, [H + 4, W + 4, C].
-        y: Rows in the picture without the margin, in [0, H - 1] up to rounding, [I, J].
-        x: Columns in the picture without the margin, in [0, W - 1] up to rounding, [I, J].
+    The picture has 1 pixel more above and on the left, 3 below and on the right; `y` and `x` count without them.
     """
     (top, down), (left, right) = _split(y, padded.shape[0] - 4), _split(x, padded.shape[1] - 4)
     width = padded.shape[1]

@@ -59,8 +59,7 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
     level = lenslet_search.lattice_of_scene(_grey(image).T)
     across = replace(options, views=None if options.views is None else options.views[::-1])
     turned = _resampled_views(path, np.ascontiguousarray(image.swapaxes(0, 1)), across, level)
-    colours, weight = (each if each is None else each.transpose(1, 0, 2, 4, 3) for each in turned[:2])
-    return Samples(colours, weight, turned.encoding)
+    return turned.changed(lambda views: views.transpose(1, 0, 2, 4, 3))
 
 
 def _shown_lattice(image: NDArray, path: Path) -> Lattice | None:
@@ -109,10 +108,7 @@ def _focused(path: Path, lattice: Lattice) -> FileError:
 
 
 def _check_aligned(image: NDArray, lenslet: int, path: Path, pitch: int | None, is_jpeg: bool) -> None:
-    """Refuse an image [H, W, C] without aligned lenslets, or of another pitch than `lenslet`; small ones are not judged.
-
-    `pitch` is the one that the image shows.
-    """
+    """Refuse an image [H, W, C] that shows no lenslets of this size, but another pitch or none; small ones pass."""
     n_lenslets = min(image.shape[:2]) // lenslet
     expected, got, remedy = f"{path} must hold aligned lenslets of {lenslet} pixels", "", ""
     if n_lenslets < (FEWEST_LENSLETS if is_jpeg else 1):
@@ -120,13 +116,13 @@ def _check_aligned(image: NDArray, lenslet: int, path: Path, pitch: int | None, 
     elif n_lenslets < FEWEST_LENSLETS:
         message = "%s is read as %d lenslets of %d pixels along its shorter side; a photograph is no light field"
         log.warning(message, path, n_lenslets, lenslet)
-    elif pitch == lenslet:
+    elif pitch == lenslet >= lenslet_cells.SHORTEST_PITCH and np.ptp(image):
         corner = (lenslet - 1) / 2
         lattice = lenslet_lattice.upright((float(lenslet), float(lenslet)), (corner, corner))
         cells = lenslet_cells.measure(_grey(image), lattice)
         if cells.contrast >= lenslet_cells.CONTRAST and cells.roundness < lenslet_cells.ROUND:
             got = "a picture of something regular"
-    elif lenslet >= lenslet_cells.SHORTEST_PITCH:
+    elif pitch != lenslet >= lenslet_cells.SHORTEST_PITCH:
         got = "an image that shows none" if pitch is None else f"lenslets of {pitch}"
         remedy = "" if pitch is None else f"set reader.lenslet={pitch}"
     if got:

@@ -122,10 +122,7 @@ class _White(NamedTuple):
 def read_white(path: Path, image: RawImage) -> RawImage:
     """The white image for a raw image: the file itself, or that of a calibration with the nearest zoom, then focus.
 
-    Args:
-        path: A calibration (`data.C.*`, `caldata-*.tar`, a folder of either or of `MOD_*.RAW` and `.TXT`), or one raw
-            image of white.
-        image: The raw image that the white image is for; serial numbers must agree if both are known.
+    Serial numbers must agree if both are known.
     """
     if not path.is_dir() and not _is_archive(path):
         white = lytro_files.read_raw(path)

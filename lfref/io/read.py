@@ -215,13 +215,13 @@ def read(
     changed = [name for name in sorted(others) if getattr(options, name) != getattr(ReadOptions, name)]
     if changed:
         raise InputError(f"{', '.join(changed)} must be left out", got=f"{form.title}, {path}, which has none")
-    colours, weight, tone = form.decode(path, options)
-    height, width = colours.shape[-2:]
+    samples = form.decode(path, options)
+    height, width = samples.colours.shape[-2:]
     rows, columns = options.size or (height, width)
     if not (1 <= rows <= height and 1 <= columns <= width):
         raise InputError(f"size must lie within the {height}x{width} views of {path}", got=f"{rows}x{columns}")
-    colours, weight = (each if each is None else each[..., :rows, :columns] for each in (colours, weight))
-    present = np.ones(colours.shape[:2], bool) if weight is None else weight.any(axis=(2, 3, 4))
+    colours, weight, tone = samples.changed(lambda views: views[..., :rows, :columns])
+    present = np.asarray(np.ones(colours.shape[:2], bool) if weight is None else weight.any(axis=(2, 3, 4)))
     entries = metadata.read_metadata(path) | {"path": str(path), "format": form.name}
     entries |= {"bits": BITS[colours.dtype.name], "encoding": str(tone)}
     if not present.all():

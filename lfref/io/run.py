@@ -33,7 +33,6 @@ class Run:
 
     folder: Path
     chosen: Path | None = None
-    """The checkpoint if `of` got one; None if it got the folder."""
 
     @classmethod
     def of(cls, path: str | Path) -> "Run":
@@ -41,12 +40,8 @@ class Run:
         place = Path(os.path.abspath(path))  # noqa: PTH100  `resolve` would follow links
         is_checkpoint = place.suffix == ".ckpt" or place.is_file()
         folder = place.parent.parent if is_checkpoint else place
-        if is_checkpoint and not place.is_file():
-            remedy = f"give a run folder, or RUN/{CHECKPOINTS}/last.ckpt"
-            raise CheckpointError(f"no checkpoint at {path}", remedy=remedy)
-        if not (folder / CONFIG).is_file():
-            kind = CheckpointError if is_checkpoint else FileError
-            raise kind(f"{path} must be a run folder or a checkpoint in one", got=f"no {folder / CONFIG}")
+        if not (folder / CONFIG).is_file() or (is_checkpoint and not place.is_file()):
+            raise CheckpointError(f"{path} must be a run folder, or a checkpoint in one", got=f"none in {folder}")
         return cls(folder, place if is_checkpoint else None)
 
     @property
@@ -57,7 +52,7 @@ class Run:
     @property
     def config(self) -> dict[str, Any]:
         """The configuration, resolved, as plain containers."""
-        return _read_yaml(self.folder / CONFIG, dict)
+        return dict(_read_yaml(self.folder / CONFIG))
 
     @property
     def has_begun(self) -> bool:
@@ -72,14 +67,13 @@ class Run:
     @property
     def overrides(self) -> list[str]:
         """The overrides of the command line, one `key=value` an entry."""
-        return [str(override) for override in _read_yaml(self.folder / OVERRIDES, list)]
+        return [str(override) for override in _read_yaml(self.folder / OVERRIDES)]
 
     @property
     def training(self) -> dict[str, Any]:
         """Number of parameters, seconds, device, best value and end of the training; empty if there is none."""
         path = self.folder / TRAINING
-        contents = json.loads(path.read_text("utf-8")) if path.is_file() else {}
-        return dict(contents)
+        return dict(json.loads(path.read_text("utf-8"))) if path.is_file() else {}
 
     @property
     def best(self) -> Path:
@@ -103,13 +97,14 @@ class Run:
         path = self.folder / METRICS
         with atomic.file_errors(path, "read"), path.open(newline="", encoding="utf-8") as file:
             rows = [row for row in csv.DictReader(file) if None not in row and None not in row.values()]
-        numbers = [{name: float(cell) if cell else None for name, cell in row.items()} for row in rows]
         # A training that went on from a checkpoint has logged the steps after it twice.
-        kept, first = [], math.inf
-        for row in reversed(numbers):
-            step = row.get("step")
+        kept: list[dict[str, float | None]] = []
+        first = math.inf
+        for row in reversed(rows):
+            numbers = {name: float(cell) if cell else None for name, cell in row.items()}
+            step = numbers.get("step")
             if step is None or step <= first:
-                kept.append(row)
+                kept.append(numbers)
                 first = first if step is None else step
         return kept[::-1]
 
@@ -124,12 +119,11 @@ class Run:
         return bool(self.training.get("is_finished"))
 
     def _checkpoint(self, *names: str) -> Path:
-        folder = self.folder / CHECKPOINTS
-        for path in (folder / f"{name}.ckpt" for name in names):
+        paths = [self.folder / CHECKPOINTS / f"{name}.ckpt" for name in names]
+        for path in paths:
             if path.is_file():
                 return path
-        existing = ", ".join(sorted(file.name for file in folder.glob("*.ckpt"))) or "none"
-        raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{names[0]}.ckpt", got=existing)
+        raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{names[0]}.ckpt", got="none")
 
 
 def key_of(override: str) -> str:
@@ -148,12 +142,9 @@ def write_overrides(folder: Path, overrides: list[str]) -> None:
     atomic.write_text(folder / OVERRIDES, yaml.safe_dump(overrides, width=10_000, allow_unicode=True))
 
 
-def _read_yaml(path: Path, kind: type) -> Any:
+def _read_yaml(path: Path) -> Any:
     try:
         with atomic.file_errors(path, "read"):
-            contents = yaml.safe_load(path.read_text("utf-8"))
+            return yaml.safe_load(path.read_text("utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise FileError(f"{path} must be YAML", got=first_line(error)) from error
-    if not isinstance(contents, kind):
-        raise FileError(f"{path} must hold a {kind.__name__}", got=type(contents).__name__)
-    return contents

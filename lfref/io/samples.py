@@ -45,6 +45,10 @@ class Samples(NamedTuple):
     encoding: Encoding
     """Encoding of the colours."""
 
+    def changed(self, change: Callable[[NDArray], NDArray]) -> "Samples":
+        """The same change of colours and weight."""
+        return Samples(change(self.colours), None if self.weight is None else change(self.weight), self.encoding)
+
 
 def split_weight(samples: NDArray, axis: int = -1) -> tuple[NDArray, NDArray | None]:
     """Colours, and the weight, which is the last of 2 or 4 channels along an axis."""
@@ -86,7 +90,9 @@ class ReadOptions:
     def parse(cls, **given: Any) -> "ReadOptions":
         """Options from the values that a user wrote; a pair may be a list, `views` and `pitch` one number for both."""
         try:
-            options = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+            options: dict[str, Any] = {
+                name: tuple(value) if isinstance(value, list) else value for name, value in given.items()
+            }
             row_distance = ROW_DISTANCES.get(options.get("lattice") or "square", 1.0)
             if isinstance(pitch := options.get("pitch"), int | float):
                 options["pitch"] = pitch * row_distance, pitch
@@ -151,17 +157,10 @@ def cell_of(number: int, n_columns: int, is_serpentine: bool = False) -> Cell:
 def check_holes(
     cells: Iterable[Cell], shape: Cell, name_of: Callable[[Cell], str], path: Path, allowed: bool | None
 ) -> None:
-    """Refuse a grid whose views are missing by accident.
+    """Refuse a grid whose views are missing by accident, unless holes are `allowed`; None: if they seem intended.
 
     Crosses, diagonals and grids without corners are intended: they are the same after half a turn, and an incomplete
-    copy hardly ever is.
-
-    Args:
-        cells: Cells with a view.
-        shape: Rows and columns of the grid.
-        name_of: Name that the view at a cell should have.
-        path: File or folder, for the message.
-        allowed: Whether views may be missing; None: only if the holes seem intended.
+    copy hardly ever is. `name_of` gives the name that the view at a cell should have.
     """
     (rows, columns), present = shape, set(cells)
     n_holes = rows * columns - len(present)
@@ -182,14 +181,9 @@ def check_holes(
 def gather(
     cells: Mapping[Cell, Source], window: tuple[slice, slice], load: Callable[[Source], NDArray]
 ) -> tuple[NDArray, NDArray | None]:
-    """Colours [V, U, C, H, W] and weight [V, U, 1, H, W] of the views in a window, in the type of the files.
+    """Colours [V, U, C, H, W] and weight [V, U, 1, H, W] of the views in a window, each loaded as [H, W, C].
 
     A missing view has weight 0, and holds the mean of the others.
-
-    Args:
-        cells: Where views are stored.
-        window: Rows and columns to keep.
-        load: Reads one view, [H, W, C].
     """
     shape = window[0].stop - window[0].start, window[1].stop - window[1].start
     present = {

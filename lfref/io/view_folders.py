@@ -2,7 +2,6 @@
 
 `view_names` has the names. Pictures with plain numbers (`000.png`) are views of a square grid, row by row, if number,
 size and contents allow it. Other pictures of the folder are left out, and named in the log.
-
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
@@ -44,20 +43,23 @@ def _looks_like_views(field: list[NamedFile]) -> bool:
         return False
     if square(min(numbers), max(numbers), len(numbers)) is None:
         # One picture of another size, such as a preview, may be among them.
-        is_one_more = math.isqrt(len(numbers) - 1) ** 2 == len(numbers) - 1 >= FEWEST_NUMBERED
-        return is_one_more and len(alike := _alike(field)) == len(field) - 1 and _looks_like_views(alike)
+        alike = _alike(field)
+        return len(alike) == len(field) - 1 and _looks_like_views(alike)
     return min(images.image_size(field[0].path)) < LARGEST_NUMBERED
 
 
 def _alike(field: list[NamedFile]) -> list[NamedFile]:
     """The files whose pictures have the size that most have."""
-    sizes: list[tuple[int, int] | None] = []
-    for file in field:
-        sizes.append(None)
-        with suppress(FileError):
-            sizes[-1] = images.image_size(file.path)
+
+    def size(file: NamedFile) -> tuple[int, int] | None:
+        try:
+            return images.image_size(file.path)
+        except FileError:
+            return None
+
+    sizes = [size(file) for file in field]
     ((usual, _),) = Counter(sizes).most_common(1)
-    return [file for file, size in zip(field, sizes, strict=True) if size == usual]
+    return [file for file, own in zip(field, sizes, strict=True) if own == usual]
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -84,7 +86,7 @@ class Arrangement(NamedTuple):
 
     cells: dict[Cell, NamedFile]
     """File at each row and column from 0."""
-    shape: tuple[int, int]
+    shape: Cell
     """Rows and columns of the grid; some views may be missing."""
     name_of: Callable[[Cell], str]
     """Name that the file at a row and column should have."""
@@ -93,16 +95,14 @@ class Arrangement(NamedTuple):
 def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arrangement:
     """Places on the grid of files of one pattern, by the options `pattern` and `grid`."""
     groups = groups_of(field[0].match.re)
-    numbered: dict[tuple[int, ...], NamedFile] = {}
-    for file in field:
-        try:
-            key = tuple(int(file.match[group]) for group in groups)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"groups of pattern must be numbers in {file.path}", got=error) from error
-        if key in numbered:
-            got = f"{numbered[key].path.name} and {file.path.name}"
-            raise FileError(f"{folder} must hold each view once", got=got, remedy="remove one of them")
-        numbered[key] = file
+    try:
+        numbers = [tuple(int(file.match[group]) for group in groups) for file in field]
+    except (TypeError, ValueError) as error:
+        raise InputError("groups of reader.pattern must be numbers in all names", got=error) from error
+    numbered = dict(zip(numbers, field, strict=True))
+    if len(numbered) < len(field):
+        first, second = [file.path.name for n, file in zip(numbers, field, strict=True) if numbers.count(n) > 1][:2]
+        raise FileError(f"{folder} must hold each view once", got=f"{first} and {second}", remedy="remove one of them")
     if groups == ["index"]:
         shape, base = _square_or_option(folder, field, [index for (index,) in numbered], options.grid)
         is_serpentine = options.pattern == "serpentine"
@@ -138,22 +138,18 @@ def _square_or_option(
 ) -> tuple[tuple[int, int], int]:
     """Rows and columns of a grid whose views are numbered row by row, and its first number."""
     first, last, count = min(numbers), max(numbers), len(numbers)
-    if shape is not None:
-        n_views = shape[0] * shape[1]
-        base = first if last - first + 1 == n_views else min(first, 1)
-        if min(shape) < 1 or last - base >= n_views:
-            got, remedy = f"{counted(count, 'view')} numbered {first} to {last}", "set reader.grid to fit"
-            raise InputError(f"{folder} must hold {shape[0]}x{shape[1]} views", got=got, remedy=remedy)
-        return shape, base
-    if side_and_base := square(first, last, count):
+    if shape is None and (side_and_base := square(first, last, count)):
         side, base = side_and_base
         return (side, side), base
-    side = math.isqrt(last - first) + 1
+    n_views = 0 if shape is None else math.prod(shape)
+    base = first if last - first + 1 == n_views else min(first, 1)
+    if shape is not None and min(shape) >= 1 and last - base < n_views:
+        return shape, base
     present = set(numbers)
-    absent = next(index for index in range(first, first + side**2) if index not in present)
-    expected = f"{folder} must hold a square number of views, {side}x{side} for numbers up to {last}"
-    got = f"{count}, no {field[0].renamed({'index': absent})}"
-    raise FileError(expected, got=got, remedy="add the missing views, or give reader.grid=[rows,columns]")
+    absent = next((index for index in range(first, last + 2) if index not in present), first)
+    expected = f"{folder} must hold a square number of views, or those of reader.grid, numbered row by row"
+    got = f"{counted(count, 'view')} numbered {first} to {last}, no {field[0].renamed({'index': absent})}"
+    raise FileError(expected, got=got, remedy="add the missing views, or set reader.grid=[rows,columns]")
 
 
 def square(first: int, last: int, count: int) -> tuple[int, int] | None:
@@ -199,13 +195,9 @@ def first_names(paths: Sequence[Path]) -> str:
 def _arranged(folder: Path, options: ReadOptions) -> Arrangement:
     """The arrangement of the only light field in a folder, without pictures of another size if the rest is a grid."""
     field = _only_field(folder, options.pattern)
-    with suppress(LfrefError):
-        arrangement = arrange(folder, field, options)
-        if len(arrangement.cells) == math.prod(arrangement.shape):
-            return arrangement
-    if len(alike := _alike(field)) < len(field):
+    for files in (pick(field) for pick in (list, _alike)):
         with suppress(LfrefError):
-            arrangement = arrange(folder, alike, options)
+            arrangement = arrange(folder, files, options)
             if len(arrangement.cells) == math.prod(arrangement.shape):
                 return arrangement
     return arrange(folder, field, options)
@@ -214,8 +206,6 @@ def _arranged(folder: Path, options: ReadOptions) -> Arrangement:
 def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
     """The files of the only light field in a folder."""
     files = image_files(folder)
-    if not files:
-        raise FileError(f"{folder} must hold images", got="none", remedy=f"put in {', '.join(images.SUFFIXES)} files")
     if pattern is not None:
         fields = fields_of(files, [compiled(pattern)])
     else:
@@ -223,17 +213,13 @@ def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
         named = fields_of(files)
         fields = [field for field in named if len(field) > 1]
         fields = fields or [field for field in numbered_fields(files) if _looks_like_views(field)] or named
-    if not fields:
-        got = f"{counted(len(files), 'image')} named like {files[0].name}"
-        remedy = "give reader.pattern: index (row by row), or a regular expression with groups row and column"
-        if option := fitting_option(files, files):
-            remedy = f"set {option}"
-        raise FileError(f"{folder} must hold views whose names say their rows and columns", got=got, remedy=remedy)
-    if len(fields) > 1:
-        got = " and ".join(field[0].path.name for field in fields[:2])
-        option = fitting_option(files, files) or fitting_option([file.path for file in fields[0]], files)
-        remedy = "move one away" + (f", or set {option}" if option else "")
-        raise FileError(f"{folder} must hold one light field", got=got, remedy=remedy)
+    if len(fields) != 1:
+        option = fitting_option(files, files) or (fields and fitting_option([file.path for file in fields[0]], files))
+        names = [field[0].path.name for field in fields[:2]] or [path.name for path in files[:1]] or ["none"]
+        got = f"{counted(len(files), 'image')} named like {' and '.join(names)}"
+        remedy = "set reader.pattern: index (row by row), or a regular expression with groups row and column"
+        expected = f"{folder} must hold the views of one light field, whose names say their rows and columns"
+        raise FileError(expected, got=got, remedy=f"set {option}" if option else remedy)
     return fields[0]
 
 
@@ -259,16 +245,13 @@ def _check_square(folder: Path, stored: dict[Cell, Path], shape: Cell) -> None:
 
 def positions_in_names(folder: Path, options: ReadOptions) -> NDArray[np.float64]:
     """Camera positions (v, u) of the chosen views by their names, in the names' own unit, NaN at holes, [V, U, 2]."""
-    remedy = "give a CSV or JSON file as reader.positions"
-    if not folder.is_dir():
-        raise FileError(f"{folder} must be a folder for positions=names", got="a file", remedy=remedy)
     arrangement = _arranged(folder, options)
     positions = np.full((*arrangement.shape, 2), np.nan)
     for cell, file in arrangement.cells.items():
         groups = file.match.groupdict()
         if "v" not in groups or "u" not in groups:
-            expected = f"{file.path} must be named NAME_RR_CC_Y_X for positions=names"
-            raise FileError(expected, got=file.path.name, remedy=remedy)
+            remedy = "give a CSV or JSON file as reader.positions"
+            raise FileError(f"{file.path} must be named NAME_RR_CC_Y_X for positions=names", remedy=remedy)
         positions[cell] = float(groups["v"]), float(groups["u"])
     return positions[options.window(arrangement.shape, folder)]
 
@@ -277,7 +260,6 @@ def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
     """Write views, floating point, [V, U, C, H, W], as PNG images `NAME_RR_CC.png` named after the folder."""
     # A leading dot would hide the files from the reader.
     stem = path.absolute().name.lstrip(".") or "view"
-    images.sample_type(path / "x.png", bits)
     named = ((f"{stem}_{row:02d}_{column:02d}.png", views[row, column]) for row, column in np.ndindex(views.shape[:2]))
     write_images(path, named, bits)
 

@@ -65,14 +65,15 @@ def groups_of(regex: re.Pattern[str]) -> list[str]:
 def compiled(pattern: str) -> re.Pattern[str]:
     """The regular expression of the option `pattern`, which is a name in the two tables, or an expression itself."""
     known = PATTERNS | AMBIGUOUS_PATTERNS
-    expected = f"pattern (reader.pattern) must be {', '.join(known)} or a regular expression"
     try:
         regex = re.compile(known.get(pattern, pattern))
+        if groups_of(regex) in (["row", "column"], ["index"]):
+            return regex
+        reason = "other groups"
     except re.error as error:
-        raise InputError(expected, got=f"{pattern!r} ({error})") from error
-    if groups_of(regex) not in (["row", "column"], ["index"]):
-        raise InputError(f"{expected} with the named groups row and column, or index", got=repr(pattern))
-    return regex
+        reason = str(error)
+    expected = f"reader.pattern must be {', '.join(known)} or a regular expression with groups row and column, or index"
+    raise InputError(expected, got=f"{pattern!r} ({reason})")
 
 
 def fields_of(

@@ -102,15 +102,10 @@ def write_pictures(
     bits: int | None = None,
     quality: int = images.QUALITY,
 ) -> Path:
-    """Write the planes of a stack as pictures, already encoded for the screen; returns the path.
+    """Write the planes of a stack as pictures [C, H, W], encoded for the screen, into a folder; returns the path.
 
-    Args:
-        path: A folder; its files are named `plane_00_slope_-7_alpha_0.125.png`, without alpha if the slope has none.
-        pictures: N pictures [C, H, W] with C 1 or 3, floating point, to be clipped to [0, 1].
-        planes: The N planes.
-        suffix: Suffix of the files, a key of `images.DEPTHS`.
-        bits: Bits per sample, as in `images.write_image`.
-        quality: Quality of JPEG and AVIF files, from 1 to 100.
+    Files are named `plane_00_slope_-7_alpha_0.125.png`, without alpha if the slope has none. `suffix`, `bits` and
+    `quality` are as in `images.write_image`.
     """
     names = (re.sub(r"[, ]+", "_", title) for title in planes.titles)
     files = (f"plane_{n:02d}_{name}{suffix}" for n, name in enumerate(names))
