@@ -12,7 +12,7 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.io import images
+from lfref.io import images, lenslet_lattice
 from lfref.io.lenslet_lattice import Lattice, upright
 from tests.io import lenslet_drawing
 
@@ -99,6 +99,20 @@ def scene(y: NDArray, x: NDArray, v: NDArray, u: NDArray) -> NDArray:
     """Linear sRGB of a slanted plane, arguments as of `lenslet_drawing.scene`, [..., 3]."""
     grey = lenslet_drawing.scene(y, x, v, u)
     return np.stack([0.5 * grey, 0.1 + 0.45 * grey, 0.45 - 0.3 * grey], axis=-1)
+
+
+def true_views(used: Lattice, truth: Lattice, camera: Camera, grid: tuple[int, int], size=None, look=scene) -> NDArray:
+    """The scene in the places of the views that a lattice samples, [V, U, 3, H, W], at most as large as `size`."""
+    reach = [(lenslet_lattice.n_views(pitch) - 1) / 2 for pitch in used.pitch]
+    rows, columns = used.within(camera.size, tuple(reach))
+    # The first pixel of a row is half a lenslet to the right: there all rows have light.
+    along = (columns[0] + 0.5) * np.array(used.columns)
+    at = used.origin + rows[0] * np.array(used.rows) + along
+    place = np.array(truth.steps()) @ (at - truth.origin) / truth.pitch[0]
+    size = size or (len(rows), int((len(columns) - 1) * used.pitch[1] / used.pitch[0]))
+    y, x = (start + np.arange(length) for start, length in zip(place, size, strict=True))
+    v, u = (np.arange(n) - (n - 1) / 2 for n in grid)
+    return look(y[:, None], x, v[:, None, None, None], u[:, None, None]).transpose(0, 1, 4, 2, 3)
 
 
 def colour_planes(camera: Camera) -> NDArray:
