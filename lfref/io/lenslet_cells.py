@@ -177,7 +177,9 @@ def _roundness(cell: NDArray, place: NDArray, radius: NDArray) -> float:
 
 
 def steps_along(image: NDArray, axis: int) -> NDArray | None:
-    """Mean difference of each pixel from the next along an axis of an image [H, W]; None if the image is too flat."""
+    """Mean difference of each pixel from the next along an axis of an image [H, W]; None if it is too flat or small."""
+    if image.shape[axis] < 2 * SHORTEST_PITCH:
+        return None
     rows = image if axis else image.T
     left = max(0, rows.shape[1] - STRIP_LENGTH) // 2
     tops = np.unique(np.linspace(0, max(0, len(rows) - THICKNESS), STRIPS).astype(int))

@@ -109,22 +109,25 @@ def _focused(path: Path, lattice: Lattice) -> FileError:
 
 def _check_aligned(image: NDArray, lenslet: int, path: Path, pitch: int | None, is_jpeg: bool) -> None:
     """Refuse an image [H, W, C] that shows no lenslets of this size, but another pitch or none; small ones pass."""
-    n_lenslets = min(image.shape[:2]) // lenslet
+    size = min(image.shape[:2])
     expected, got, remedy = f"{path} must hold aligned lenslets of {lenslet} pixels", "", ""
-    if n_lenslets < (FEWEST_LENSLETS if is_jpeg else 1):
+    if size < lenslet * (FEWEST_LENSLETS if is_jpeg else 1):
         got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "give an ESLF image, or a folder of views"
-    elif n_lenslets < FEWEST_LENSLETS:
+    elif lenslet < lenslet_cells.SHORTEST_PITCH or not np.ptp(image):
+        return
+    elif pitch not in (None, lenslet) and size >= FEWEST_LENSLETS * pitch:
+        got, remedy = f"lenslets of {pitch}", f"set reader.lenslet={pitch}"
+    elif size < FEWEST_LENSLETS * lenslet:
         message = "%s is read as %d lenslets of %d pixels along its shorter side; a photograph is no light field"
-        log.warning(message, path, n_lenslets, lenslet)
-    elif pitch == lenslet >= lenslet_cells.SHORTEST_PITCH and np.ptp(image):
+        log.warning(message, path, size // lenslet, lenslet)
+    elif pitch is None:
+        got = "an image that shows none"
+    else:
         corner = (lenslet - 1) / 2
         lattice = lenslet_lattice.upright((float(lenslet), float(lenslet)), (corner, corner))
         cells = lenslet_cells.measure(_grey(image), lattice)
         if cells.contrast >= lenslet_cells.CONTRAST and cells.roundness < lenslet_cells.ROUND:
             got = "a picture of something regular"
-    elif pitch != lenslet >= lenslet_cells.SHORTEST_PITCH:
-        got = "an image that shows none" if pitch is None else f"lenslets of {pitch}"
-        remedy = "" if pitch is None else f"set reader.lenslet={pitch}"
     if got:
         read_anyway = f"give a folder of views, for one, or set reader.pitch={lenslet} to read it all the same"
         raise FileError(expected, got=got, remedy=remedy or read_anyway)

@@ -43,7 +43,7 @@ def mean(views: NDArray, expected: NDArray) -> float:
 
 
 def relative(views: NDArray, expected: NDArray) -> float:
-    """How differently views move against the central one (lattices may begin a lenslet apart): .03 if they are flipped."""
+    """How differently views move against the central one (lattices may begin a lenslet apart): .03 if flipped."""
     height, width = (min(views.shape[k], expected.shape[k]) for k in (-2, -1))
     assert abs(np.subtract(views.shape, expected.shape)).max() <= 2
     error = 0.0

@@ -109,12 +109,6 @@ def test_a_lenslet_has_its_pixels_as_views_or_an_odd_number(pitch, count):
     assert lenslet_lattice.n_views(pitch) == count
 
 
-def test_no_lenslet_in_the_picture_gives_no_view():
-    views = lenslet_lattice.sample_views(np.zeros((10, 300, 1)), made(), (13, 13), (ALL, ALL))
-    assert views.size == 0
-    assert lenslet_lattice.sample_views(np.zeros((10, 300, 1)), made(is_hexagonal=True), (13, 13), (ALL, ALL)).size == 0
-
-
 def test_pixels_are_square_to_one_in_500():
     views = np.random.default_rng(0).random((1, 1, 1, 5, 8), np.float32)
     assert lenslet_lattice.squared(views, upright((14 * 1.0015, 14.0), (0, 0)), np.arange(5)) is views

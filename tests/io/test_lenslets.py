@@ -51,30 +51,20 @@ def test_alpha_is_the_weight_and_not_multiplied_in(tmp_path, dtype):
     torch.testing.assert_close(field.weight, torch.from_numpy(views[:, :, 3:]), rtol=0, atol=0)
 
 
-def test_a_lenslet_of_another_size_and_a_crop(tmp_path):
-    image = coded(9 * 6, 9 * 7, 1, np.uint16)
-    images.write_image(tmp_path / "a.png", image)
-    field = read.read(tmp_path / "a.png", lenslet=9, views=(9, 5), size=(2, 3), encoding="none")
-    assert field.views.shape == (9, 5, 1, 2, 3)
-    assert round(float(field.views[8, 0, 0, 1, 2]) * 65535) == image[9 + 8, 18 + 2, 0]
-
-
 @pytest.mark.parametrize("size", [(1, 1), (13, 500)])
-def test_an_image_too_small_for_lenslets_is_one_clear_error(tmp_path, size, one_line):
+def test_an_image_too_small_for_lenslets_is_refused(tmp_path, size):
     path = tmp_path / "tiny.png"
     images.write_image(path, np.zeros((*size, 3)))
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError):
         read.read(path)
-    one_line(caught.value, path, f"{size[0]}x{size[1]} pixels", "folder of views")
 
 
 @pytest.mark.parametrize("options", [{"start": 8}, {"views": 15}, {"views": 0}, {"start": -1}, {"size": (3, 1)}])
-def test_options_that_do_not_fit_are_refused(tmp_path, options, one_line):
+def test_options_that_do_not_fit_are_refused(tmp_path, options):
     path = tmp_path / "a.png"
     images.write_image(path, np.zeros((28, 28, 3)))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError):
         read.read(path, **options)
-    one_line(caught.value, path)
 
 
 SIZE = 300, 330
@@ -156,12 +146,11 @@ def test_encoded_samples_are_decoded_before_anything_is_mixed_or_divided(camera,
 
 def test_dark_samples_are_trusted_less():
     views, white = np.full((1, 1, 1, 2, 3), 0.2, np.float32), np.ones((1, 1, 1, 2, 3), np.float32)
-    np.testing.assert_array_equal(lenslets.evened(views, white), views)
+    np.testing.assert_array_equal(lenslets.evened(views, white)[0], views)
     white[..., 0, :] = 0.5, 0.1, 0
-    even = lenslets.evened(views, white)
-    np.testing.assert_allclose(even[0, 0, 0, 0], [0.4, 2, 8])
-    np.testing.assert_allclose(even[0, 0, 1, 0], [1, 0.4, 0])
-    np.testing.assert_allclose(even[0, 0, :, 1], [[0.2] * 3, [1] * 3])
+    even, trust = lenslets.evened(views, white)
+    np.testing.assert_allclose(even[0, 0, 0], [[0.4, 2, 8], [0.2] * 3])
+    np.testing.assert_allclose(trust[0, 0, 0], [[1, 0.4, 0], [1] * 3])
 
 
 def test_alpha_becomes_the_weight_and_colours_stay_apart(tmp_path):
@@ -189,19 +178,17 @@ def test_views_and_start_choose_among_those_of_a_lenslet(camera, tmp_path):
 @pytest.mark.parametrize(
     "white", [np.zeros((*SIZE, 1)), np.ones((20, 30, 1)), np.ones((*SIZE, 3)), np.ones((*SIZE, 1))]
 )
-def test_a_white_image_that_does_not_fit_is_refused_in_one_line(camera, tmp_path, white, one_line):
+def test_a_white_image_that_does_not_fit_is_refused(camera, tmp_path, white):
     camera()
     images.write_image(tmp_path / "other.png", white)
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError, match=r"other\.png"):
         read.read(tmp_path / "a.png", white=tmp_path / "other.png")
-    one_line(caught.value, tmp_path / "other.png", "reader.white")
 
 
-def test_a_pitch_larger_than_the_image_is_refused(camera, tmp_path, one_line):
+def test_a_pitch_larger_than_the_image_is_refused(camera, tmp_path):
     camera()
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError):
         read.read(tmp_path / "a.png", pitch=400.5)
-    one_line(caught.value, tmp_path / "a.png", "reader.pitch")
 
 
 def test_a_fractional_pitch_is_enough_where_lenslets_are_dark_at_their_borders(camera, tmp_path):
@@ -218,9 +205,3 @@ def test_lenslets_that_do_not_show_begin_in_the_corner(tmp_path):
     unsaid = read.read(tmp_path / "a.png", pitch=14.29)
     said = read.read(tmp_path / "a.png", pitch=14.29, offset=[6.645, 6.645])
     torch.testing.assert_close(unsaid.views, said.views, rtol=0, atol=0)
-
-
-@pytest.mark.parametrize(("shape", "lenslet"), [((5, 30, 3), 14), ((30, 5, 3), 14), ((30, 30, 3), 0)])
-def test_an_image_smaller_than_a_lenslet_is_refused(shape, lenslet):
-    with pytest.raises(InputError, match="at least one lenslet"):
-        lenslets.unpack(np.zeros(shape), lenslet)
