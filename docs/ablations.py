@@ -43,6 +43,8 @@ METHODS = (RIVAL, LABEL)
 """Rows above the trainings."""
 N_SEEDS = 3
 SMALL = OmegaConf.load(configs.directory() / "net" / "refnet_small.yaml")
+DECISIVE = "net", "loss", "planes", "optimizer", "scheduler", "end_rate", "data"
+"""Parts of the configuration by which a setup is known."""
 BASE, LINEAR, RANDOM = "base", "net.initialization=linear", "net.initialization=random"
 VARIANTS: dict[str, tuple[str, ...]] = {
     BASE: (),
@@ -60,11 +62,11 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "dilations reversed": (f"net.dilation={list(SMALL.dilation)[::-1]}",),
     "stem of all colours, 3 x 3": ("net.stem_by_colour=false", "net.stem_kernel=3"),
     "no gains at the frame's edge": ("net.padding=zeros",),
-    "equal rates": ("task.end_rate=1",),
+    "equal rates": ("end_rate=1",),
     "random start": (RANDOM,),
     "random start, relu": (RANDOM, "net.activation=relu"),
     "random start, no normalisation": (RANDOM, "net.normalization=none"),
-    "random start, equal rates": (RANDOM, "task.end_rate=1"),
+    "random start, equal rates": (RANDOM, "end_rate=1"),
 }
 """What each row changes of the base."""
 KEY = ["variant", "seed", "setup"]
@@ -103,7 +105,7 @@ def members(n_seeds: int, overrides: Iterable[str] = ()) -> Iterator[Member]:
         words = (*SETUP, *changes, f"seed={seed}", *overrides)
         config = composed(words)
         parts = [sim30.VERSION, config.trainer.max_steps, config.trainer.precision]
-        parts += [configs.plain(config[part]) for part in ("task", "data")]
+        parts += [configs.plain(config[part]) for part in DECISIVE]
         digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
         yield Member(variant, seed, f"setup_{digest[:12]}", words)
 

@@ -123,7 +123,7 @@ def qualities() -> list[dict[str, Any]]:
                 "shift_and_sum_through_cells": cells,
                 "the same, of 8 bits": _in_8_bits(of_8_bits),
             }
-            for title, quality in {"page": None, "page, views=exact": ViewQuality(math.inf, None)}.items():
+            for title, quality in {"page": None, "page, without loss": ViewQuality(math.inf, None)}.items():
                 page = Path(name, "index.html")
                 view_page.write(page, "quality", {}, view_page.page_content({"cells": shown}, quality=quality))
                 tab = opened(browser, page)

@@ -125,11 +125,11 @@ def steps(size: Size, epochs: int) -> Iterator[Step]:
     lengths = dict.fromkeys(LABELS, epochs) | {LONG: LONGER * epochs}
     for name, n_epochs in lengths.items():
         words = (
-            "experiment=paper_shift_and_sum",
+            "experiment=paper",
             f"label={LABELS[0] if name == LONG else name}",
             "data=simulated",
             "data.n_validation=2",
-            "scheduler=cosine",
+            "scheduler=warmup_cosine",
             *size.train,
             f"trainer.max_epochs={n_epochs}",
             f"+trainer.check_val_every_n_epoch={min(4, n_epochs)}",

@@ -61,7 +61,7 @@ def make() -> None:
     words = ["aperture=disc", "method@methods.first=occlusion_aware"]
     planes = ["planes=even", f"planes.first={FAR}", f"planes.last={NEAR}", "planes.n=13"]
     # At the 42 dB of other pages it would have 10 MB, not 3.5; the pictures at rest have that all the same.
-    planes.append("views.least_db=36")
+    planes.append("page_quality.least_db=36")
     command = [sys.executable, "-m", "lfref.cli.main", "view", str(RUN / "evening.exr"), *words, *planes]
     subprocess.run([*command, "title=An evening", f"output={PAGE.parent}", "overwrite=true"], check=True, cwd=ROOT)
     images.write_image(CARD, pictures.for_display(_card(field.views)), quality=88)

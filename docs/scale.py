@@ -132,7 +132,14 @@ def large(folder: Path) -> dict[str, float]:
     for v, u in np.ndindex(LARGE_GRID, LARGE_GRID):
         view = wall[2 * v : 2 * v + LARGE[0], 2 * u : 2 * u + LARGE[1]]
         images.write_image(folder / "large" / f"large_{v:02d}_{u:02d}.png", view)
-    words = ("method=shift_and_sum_cubic", "planes=even", "planes.first=-3", "planes.last=1", "planes.n=16")
+    words = (
+        "method=shift_and_sum",
+        "method.operator.interpolation=cubic",
+        "planes=even",
+        "planes.first=-3",
+        "planes.last=1",
+        "planes.n=16",
+    )
     seconds, peak, _ = _measure(
         "refocus", folder / "large", f"output={folder}/out_large", "correct=none", f"rows={BAND}", *words
     )

@@ -22,7 +22,7 @@ from lfref.report import tables
 
 RUN = markers.ROOT / "runs" / "figures" / "training_speed"
 NETWORKS = {
-    "cpu": ("refnet_small", "refnet_narrow", "refnet_shuffled"),
+    "cpu": ("refnet_small",),
     "cuda": ("refnet",),
 }
 """By the device: a processor takes minutes for a step of the whole RefNet."""
