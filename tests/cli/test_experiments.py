@@ -21,7 +21,7 @@ from lfref.train.modules import Refining, Refocusing
 from tests.cli.conftest import TINY, TINY_DATA
 from tests.conftest import ROOT
 
-sys.path.append(str(ROOT / "docs"))
+sys.path.append(str(ROOT / "benchmarks"))
 ablations, experiments, gpu, paper, training = (
     importlib.import_module(name) for name in ("ablations", "experiments", "gpu", "paper", "training")
 )

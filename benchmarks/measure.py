@@ -12,12 +12,10 @@ from pathlib import Path
 
 import against_mitsuba
 import browsing
-import busy
+import disparities
 import hard_cases
 import learned
-import maps
 import markers
-import one_defect
 import scale
 import scene_costs
 import simulator_pictures
@@ -190,11 +188,9 @@ FIGURES = {
     "explanation": simulator_pictures.explanation,
     **against_mitsuba.TABLES,
     **browsing.TABLES,
-    **busy.TABLES,
     **hard_cases.TABLES,
+    **disparities.TABLES,
     **learned.TABLES,
-    **maps.TABLES,
-    **one_defect.TABLES,
     **({"gpu_times": gpu_times} if (GPU / "bench.csv").is_file() else {}),
     **scale.TABLES,
     **scene_costs.TABLES,

@@ -1,7 +1,7 @@
 """The scene that opens the site: its page by `lfref view`, which visitors refocus, and the site's card.
 
-`python docs/living.py` writes both to `runs/living`, unless they are newer than the viewer, the scene and this file;
-the build of the site does the same. `--film` also films the page in use, in Chromium, for the README:
+`living.py` writes both to `runs/living`, unless they are newer than the viewer, the scene and this file; the
+build of the site does the same. `--film` also films the page in use, in Chromium, for the README:
 `docs/pictures/page.webp`. The scene is simulated, `conf/scene/evening`: lamps far away, fruit on a table, leaves and
 twigs near the camera. It is part of lfref and has its licence.
 """

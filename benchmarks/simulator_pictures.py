@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 import lfref
-from lfref.simulator import painting, planner, sim30, truth
+from lfref.simulator import planner, sim30
 from lfref.simulator.effects.noise import Noise as SensorNoise
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Leaf, Twigs
@@ -44,16 +44,6 @@ def beside_views() -> Figure:
     return sheets.sheet(cells, bar="absolute difference", **DIFFERENCE)
 
 
-def aperture() -> Figure:
-    """One plane of the truth by the number of cells, against very many."""
-    layers, slopes = painting.paint(Scene(CAMERA, GARDEN), reach=abs(BETWEEN)), [BETWEEN]
-    finest = truth.stack(layers, CAMERA, slopes, n_cells=FINEST)[0]
-    cells = {"1 cell": 1, "2 x 2 cells": 2, "4 x 4 cells": 4, "as planned": None}
-    planes = {title: truth.stack(layers, CAMERA, slopes, n_cells=n)[0] for title, n in cells.items()}
-    differences = [difference(plane, finest) for plane in planes.values()]
-    return sheets.sheet([*planes.items(), *differences], 4, bar="absolute difference", **DIFFERENCE)
-
-
 def thirty() -> Figure:
     """The middle view of every scene of sim30."""
     return sheets.sheet(
@@ -73,7 +63,6 @@ def explanation() -> Iterator[str]:
 
 PICTURES: dict[str, Callable[[], Figure]] = {
     "simulator_truth.jpg": beside_views,
-    "simulator_aperture.jpg": aperture,
     "simulator_sim30.jpg": thirty,
 }
 

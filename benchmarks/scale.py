@@ -1,12 +1,11 @@
-"""Many light fields, and large ones: what `lfref refocus` takes for them in time and memory.
+"""Many light fields: what `lfref refocus` takes for them in time and memory.
 
-`python docs/scale.py` measures on simulated captures and leaves `runs/figures/scale/scale.json`, from which
-`docs/measure.py streams large` makes the tables of the page on deployment.
+`python benchmarks/scale.py` measures on simulated captures and leaves `runs/figures/scale/scale.json`, from which
+`benchmarks/measure.py streams` makes the table of the page on deployment.
 """
 
 import argparse
 import json
-import math
 import os
 import resource
 import shutil
@@ -20,27 +19,20 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from lfref.bench import timing
 from lfref.cli import main as commands
 from lfref.cli import steps
 from lfref.geometry import planes_at_alphas
-from lfref.io import images
-from lfref.io.read import read, read_stack
-from lfref.io.write import write_stack
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "scale"
 SCENES, FEW, MANY, TIMED = 5, 5, 50, 30
 """Light fields that are painted; captures, copies of these, of a short and of a long run, and of one step by step."""
-SIZE, LARGE, LARGE_GRID = (375, 540), (2160, 3840), 9
+SIZE = (375, 540)
 PLANES = planes_at_alphas(step / 8 for step in range(1, 17))
 FIELDS, ROUNDS = 40, 5
-COMPRESSIONS = ("none", "rle", "zip:1", "zip", "zips:1", "zips", "piz", "pxr24", "dwaa", "dwab")
-"""Compressions of EXR that OpenImageIO writes; the last three lose something."""
-BAND = 128
 WORDS = ["correct=auto", "planes=auto"]
 STEP_BY_STEP = "step-by-step"
 STAGES = ("reading", "correcting", "refocusing", "writing")
@@ -108,44 +100,6 @@ def in_memory() -> float:
     return best
 
 
-def compressions(field: Path, folder: Path) -> dict[str, tuple[float, float, float]]:
-    """Compression of EXR -> seconds to write a stack, its size in MB, and the largest error of what is read."""
-    views, own, measured = read(field).views, images.COMPRESSIONS[".exr"], {}
-    stack, path = shift_and_sum(views, PLANES.slopes), folder / "stack.exr"
-    for compression in COMPRESSIONS:
-        images.COMPRESSIONS[".exr"], best = compression, math.inf
-        for _ in range(ROUNDS):
-            start = time.perf_counter()
-            write_stack(path, stack, PLANES)
-            best = min(best, time.perf_counter() - start)
-        error = float((read_stack(path)[0] - stack).abs().max())
-        measured[compression] = best, path.stat().st_size / 1e6, error
-    images.COMPRESSIONS[".exr"] = own
-    return measured
-
-
-def large(folder: Path) -> dict[str, float]:
-    """A light field of 9x9 views of 4K, by bands."""
-    rng = np.random.default_rng(0)
-    coarse = rng.integers(0, 255, (LARGE[0] // 8 + 8, LARGE[1] // 8 + 8, 3), np.uint8)
-    wall = np.kron(coarse, np.ones((8, 8, 1), np.uint8))
-    for v, u in np.ndindex(LARGE_GRID, LARGE_GRID):
-        view = wall[2 * v : 2 * v + LARGE[0], 2 * u : 2 * u + LARGE[1]]
-        images.write_image(folder / "large" / f"large_{v:02d}_{u:02d}.png", view)
-    words = (
-        "method=shift_and_sum",
-        "method.operator.interpolation=cubic",
-        "planes=even",
-        "planes.first=-3",
-        "planes.last=1",
-        "planes.n=16",
-    )
-    seconds, peak, _ = _measure(
-        "refocus", folder / "large", f"output={folder}/out_large", "correct=none", f"rows={BAND}", *words
-    )
-    return {"large_s": seconds, "large_mb": peak}
-
-
 def _lfref(*words: object) -> None:
     subprocess.run([sys.executable, "-m", "lfref.cli.main", *map(str, words)], check=True)
 
@@ -202,32 +156,8 @@ def streams() -> Iterator[str]:
     yield f"float32. {figures['processor']}, {figures['threads']} threads."
 
 
-def exr() -> Iterator[str]:
-    """Time and size of a stack by compression of EXR."""
-    figures = json.loads((RUN / "scale.json").read_text())
-    yield "| compression | to write, s | MB | largest error |"
-    yield "|---|---|---|---|"
-    for name, (seconds, megabytes, error) in figures["compressions"].items():
-        title = f"**`{name}`**" if name == images.COMPRESSIONS[".exr"] else f"`{name}`"
-        yield f"| {title} | {seconds:.2f} | {megabytes:.1f} | {f'{error:.0e}' if error else '0'} |"
-    yield ""
-    yield f"Stacks of {len(PLANES)} planes of {SIZE[0]}x{SIZE[1]} pixels, float32; the shortest of {ROUNDS} rounds."
-    yield f"{figures['processor']}, {figures['threads']} threads."
-
-
-def large_field() -> Iterator[str]:
-    """Memory and time of a large one."""
-    figures = json.loads((RUN / "scale.json").read_text())
-    size = LARGE_GRID**2 * 3 * LARGE[0] * LARGE[1] * 4 / 1e9
-    yield f"A light field of {LARGE_GRID}x{LARGE_GRID} views of {LARGE[0]}x{LARGE[1]} pixels, {size:.1f} GB in floating"
-    yield f"point, `rows={BAND}`, 16 planes, cubic: {figures['large_s']:.0f} s with reading and writing,"
-    yield f"{figures['large_mb'] / 1000:.1f} GB of memory."
-
-
 IS_MEASURED = (RUN / "scale.json").is_file()
-TABLES: dict[str, Callable[[], Iterator[str]]] = (
-    {"streams": streams, "large": large_field, "exr": exr} if IS_MEASURED else {}
-)
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"streams": streams} if IS_MEASURED else {}
 
 
 def main() -> None:
@@ -241,8 +171,7 @@ def main() -> None:
         folder = Path(name)
         figures: dict[str, Any] = {"fields_per_second": in_memory()}
         captures = simulate_captures(folder)
-        figures["compressions"] = compressions(captures[FEW] / "capture_0", folder)
-        figures |= measure_streams(captures, folder) | large(folder)
+        figures |= measure_streams(captures, folder)
     facts = timing.facts(torch.device("cpu"))
     RUN.mkdir(parents=True, exist_ok=True)
     figures |= {"processor": facts["processor"], "threads": facts["threads"], "cores": os.cpu_count()}

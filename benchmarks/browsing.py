@@ -1,11 +1,10 @@
-"""The page of `lfref view`: how soon it shows a picture, how fast it follows, how good its lens is, what it looks like.
+"""The page of `lfref view`: how soon it shows a picture, how fast it follows, what it looks like.
 
-`python docs/browsing.py` leaves `runs/figures/browsing/browsing.json`, from which `docs/measure.py browsing lens` makes
-a paragraph and a table, and `page.png`, from which `docs/pictures.py page.jpg` makes a picture.
+`python benchmarks/browsing.py` leaves `runs/figures/browsing/browsing.json`, from which `measure.py browsing` makes a
+paragraph, and `page.png`, from which `pictures.py page.jpg` makes a picture.
 """
 
 import json
-import math
 import shutil
 import statistics
 import subprocess
@@ -16,19 +15,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import experiments
-import torch
 from matplotlib.figure import Figure
 
-from lfref import encoding
-from lfref.functional.psnr import psnr
-from lfref.geometry import FocalPlanes
 from lfref.io import images
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.report import drawing
-from lfref.report.refocused import Refocused
-from lfref.viewer import view_page
-from lfref.viewer.coding import ViewQuality
 
 RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "browsing"
 SCENE, TAP = "thicket", (0.535, 0.57)
@@ -39,7 +29,6 @@ GRID, SIZE, LOADS, N_EVENTS = (9, 9), (375, 540), 7, 20
 VIEWPORT = {"width": 1280, "height": 900}
 UNTOUCHED_MS = 2000
 """Milliseconds in which a page has painted its first picture."""
-QUALITY_SCENES, QUALITY_SLOPES, MARGIN = ("thicket", "twigs", "apple"), (-7.0, -3.0, -1.0, 0.2, 0.5, 1.0), 12
 FIRST_PAINT = "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null"
 RESTS = "() => stage.dataset.rests === 'true' && !motion && !isRequested && drawing.took() !== null"
 EVENTS = """async (n) => {
@@ -54,11 +43,6 @@ EVENTS = """async (n) => {
   return performance.now() - last;
 }"""
 """Milliseconds from the last of n events of a slider until what it asks for is drawn."""
-PICTURE = """(slope) => {
-  drawing.draw({ ...WHOLE, slope });
-  const read = drawing.pixels();
-  return [read.height, read.width, Array.from(read.data)];
-}"""
 
 
 @contextmanager
@@ -108,49 +92,6 @@ def measure(page: Path) -> dict[str, Any]:
     }
 
 
-def qualities() -> list[dict[str, Any]]:
-    """PSNR against the truth, scene by scene and slope by slope, of the page's lens and of our operators."""
-    planes, rows = FocalPlanes(QUALITY_SLOPES), []
-    with chromium() as browser, tempfile.TemporaryDirectory() as name:
-        for case in experiments.cases(QUALITY_SCENES, planes):
-            plain, cells = (
-                operator(case.light.views, planes.slopes) for operator in (shift_and_sum, shift_and_sum_through_cells)
-            )
-            shown = Refocused(case.light, cells, planes)
-            of_8_bits = shift_and_sum_through_cells(_in_8_bits(case.light.views), planes.slopes)
-            stacks = {
-                "shift_and_sum": plain,
-                "shift_and_sum_through_cells": cells,
-                "the same, of 8 bits": _in_8_bits(of_8_bits),
-            }
-            for title, quality in {"page": None, "page, without loss": ViewQuality(math.inf, None)}.items():
-                page = Path(name, "index.html")
-                view_page.write(page, "quality", {}, view_page.page_content({"cells": shown}, quality=quality))
-                tab = opened(browser, page)
-                stacks[title] = torch.stack([_light(tab.evaluate(PICTURE, slope)) for slope in QUALITY_SLOPES])
-                tab.context.close()
-            inner = (..., slice(MARGIN, -MARGIN), slice(MARGIN, -MARGIN))
-            for method, stack in stacks.items():
-                values = psnr(stack[inner].double(), case.reference[inner].double())
-                rows += [
-                    {"scene": case.light.name, "method": method, "slope": slope, "psnr_db": float(value)}
-                    for slope, value in zip(QUALITY_SLOPES, values, strict=True)
-                ]
-    return rows
-
-
-def _in_8_bits(light: torch.Tensor) -> torch.Tensor:
-    """Light [..., H, W] as a screen shows it: between 0 and 1, in 8 bits of sRGB."""
-    return encoding.SRGB.decode((255 * encoding.SRGB.encode(light.clamp(0, 1))).round() / 255)
-
-
-def _light(read: tuple[int, int, list[int]]) -> torch.Tensor:
-    """Pixels of the page as linear light, [3, H, W]."""
-    height, width, values = read
-    pixels = torch.tensor(values, dtype=torch.uint8).reshape(height, width, 4)[..., :3].permute(2, 0, 1)
-    return torch.from_numpy(images.decoded(pixels.numpy(), encoding.SRGB))
-
-
 def photograph(page: Path) -> None:
     """Write `page.png`, a picture of a page of `lfref view` after a tap."""
     with chromium() as browser:
@@ -186,20 +127,9 @@ def browsing() -> Iterator[str]:
     yield f"({texts['longest_following_ms']}). Chromium {figures['version']}, without a graphics processor."
 
 
-def lens() -> Iterator[str]:
-    """Quality of the page's lens beside that of our operators."""
-    rows = json.loads((RUN / "browsing.json").read_text())["lens"]
-    yield "| scene, PSNR in dB | " + " | ".join(f"slope {slope:g}" for slope in QUALITY_SLOPES) + " |"
-    yield "|---" * (len(QUALITY_SLOPES) + 1) + "|"
-    for scene in dict.fromkeys(row["scene"] for row in rows):
-        for method in dict.fromkeys(row["method"] for row in rows):
-            values = [row["psnr_db"] for row in rows if (row["scene"], row["method"]) == (scene, method)]
-            yield f"| {scene}, {method} | " + " | ".join(f"{value:.1f}" for value in values) + " |"
-
-
 PICTURES: dict[str, Callable[[], Figure]] = {"page.jpg": picture} if (RUN / "page.png").is_file() else {}
 IS_MEASURED = (RUN / "browsing.json").is_file()
-TABLES: dict[str, Callable[[], Iterator[str]]] = {"browsing": browsing, "lens": lens} if IS_MEASURED else {}
+TABLES: dict[str, Callable[[], Iterator[str]]] = {"browsing": browsing} if IS_MEASURED else {}
 
 
 def main() -> None:
@@ -211,7 +141,7 @@ def main() -> None:
         subprocess.run([*lfref, "simulate", f"output={name}/scene", *words], check=True)
         (scene,) = Path(name, "scene").glob("simulated_*")
         subprocess.run([*lfref, "view", str(scene), f"output={name}/view"], check=True)
-        figures = measure(Path(name, "view", "index.html")) | {"lens": qualities()}
+        figures = measure(Path(name, "view", "index.html"))
         RUN.mkdir(parents=True, exist_ok=True)
         words = ("scene=sim30", f"scene.name={SCENE}", "outputs=[views]", f"output={name}/thicket")
         subprocess.run([*lfref, "simulate", *words], check=True)

@@ -139,7 +139,7 @@ def site_address() -> str | None:
 
 def script(name: str) -> ModuleType:
     """A script of this folder as a module."""
-    found = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    found = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
     assert found is not None
     assert found.loader is not None
     module = importlib.util.module_from_spec(found)

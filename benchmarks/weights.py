@@ -1,4 +1,4 @@
-"""Put the network of a training run into the package, with how it was made: `python docs/weights.py NAME RUN`.
+"""Put the network of a training run into the package, with how it was made: `python benchmarks/weights.py NAME RUN`.
 
 NAME is `learned` (a refiner) or `refnet`. Run by `make weights`.
 """

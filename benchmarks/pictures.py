@@ -1,7 +1,5 @@
-"""Draw the pictures of the pages from simulated scenes, and pictures of a light field of one's own on request.
+"""Draw the pictures of the pages from simulated scenes. Run by `make figures`.
 
-Run by `make figures`. `--capture LIGHT_FIELD` also writes a focal sweep, an all-in-focus picture and its focus index
-to `runs/figures/capture`: pictures of a capture are no part of the project.
 Letters: `s` slope in pixels per view step, `x y` pixel column and row.
 """
 
@@ -17,7 +15,6 @@ import effects
 import hard_cases
 import numpy as np
 import paper_pictures
-import runtimes
 import scenes
 import sheets
 import simulator_pictures
@@ -28,15 +25,12 @@ from torch.nn import functional as F
 
 import lfref
 from lfref import geometry
-from lfref.io import images
 from lfref.refocus import apertures
 from lfref.refocus.focus.all_in_focus import index_to_slope
 from lfref.refocus.shift.shift_and_sum import coverage
-from lfref.report import drawing, pictures, results, tables
+from lfref.report import drawing, pictures, tables
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent
-CAPTURE = ROOT / "runs" / "figures" / "capture"
+ROOT = Path(__file__).resolve().parents[1]
 DEPTH: dict[str, Any] = {"cmap": "viridis", "vmin": scenes.FAR, "vmax": scenes.NEAR}
 ALPHA = tables.heading("alpha")
 SLOPE_LABEL = "slope, px per view step"
@@ -219,28 +213,8 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     **against_mitsuba.PICTURES,
     **hard_cases.PICTURES,
     **paper_pictures.PICTURES,
-    **runtimes.PICTURES,
     **browsing.PICTURES,
 }
-
-
-def capture(path: Path, folder: Path) -> None:
-    """Write a focal sweep, an all-in-focus picture and its focus index of a light field.
-
-    Args:
-        path: The light field.
-        folder: Where the pictures go.
-    """
-    field = lfref.read(path, views=7)
-    slopes = geometry.even_slopes(23, -1.75, 1.0)
-    stack = lfref.shift_and_sum(field.views, slopes, interpolation="exact")
-    gain = pictures.common_exposure(field.views.mean((0, 1)))
-    sweep = pictures.contact_sheet(stack[::2], [sheets.at(slope) for slope in slopes[::2].tolist()], gain)
-    image, index, confidence = lfref.all_in_focus(stack)
-    images.write_image(folder / "focal_sweep.png", sweep)
-    images.write_image(folder / "all_in_focus.png", pictures.for_display(image, gain))
-    focus = results.focus_map(index_to_slope(index, slopes), confidence.sqrt())  # faint areas stay visible
-    images.write_image(folder / "focus_index.png", focus)
 
 
 def _along_the_page(views: Tensor) -> Tensor:
@@ -256,16 +230,12 @@ def main() -> None:
     """Write all pictures."""
     parser = argparse.ArgumentParser(description="Draw the pictures of the pages.")
     parser.add_argument("names", nargs="*", metavar="NAME", choices=[[], *PICTURES], help="files to draw; none: all")
-    parser.add_argument("--capture", type=Path, help=f"a light field to draw too, into {CAPTURE.relative_to(ROOT)}")
-    parser.add_argument("--output", type=Path, default=HERE / "pictures", help="folder of the pictures")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "pictures", help="folder of the pictures")
     arguments = parser.parse_args()
     names = arguments.names or PICTURES
     for name in names:
         sheets.save(PICTURES[name](), arguments.output / name)
     print(f"wrote {len(names)} pictures to {arguments.output}")
-    if arguments.capture is not None:
-        capture(arguments.capture, CAPTURE)
-        print(f"wrote a focal sweep, an all-in-focus picture and its focus index to {CAPTURE}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Time of refocusing as the paper measures it: one light field, a batch of four, from disk to pictures.
 
-`python docs/paper_speed.py` measures it and fills the table of `paper.md`; `make figures` runs it.
+`python benchmarks/paper_speed.py` measures it and fills the table of `paper.md`; `make figures` runs it.
 The unit is the paper's, NumPy's 4-D FFT of the three channels, measured in the same rounds. Networks are untrained:
 weights cost no time.
 """

@@ -17,7 +17,7 @@ def fill(lines: Mapping[str, str]) -> None:
         start, name, _, end = marker.groups()
         return f"{start}{lines[name]}\n{end}" if name in lines else marker[0]
 
-    for page in (ROOT / "README.md", *sorted(Path(__file__).parent.glob("*.md"))):
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
         text = page.read_text("utf-8")
         if (new := MARKER.sub(replacement, text)) != text:
             atomic.write_text(page, new)

@@ -1,7 +1,7 @@
 """The paper's claims, measured with small networks that work: tables and pictures of `paper.md`.
 
 Run by `make paper`. The networks are those of `make weights`, runs in `runs/weights`; what is missing there is trained.
-With `--runs` elsewhere nothing is written into the pages: `docs/paper.py --runs FOLDER --network LABEL=PATH` evaluates
+With `--runs` elsewhere nothing is written into the pages: `paper.py --runs FOLDER --network LABEL=PATH` evaluates
 another network, a run folder or a file.
 """
 

@@ -2,7 +2,7 @@
 
 Run by `make gpu`, which does what is left, within `--minutes` in all. A step that has ended leaves its results in
 `runs/gpu/STEP` and the file `done` in it. A training that was stopped goes on from its checkpoint. Any other step
-begins anew; one that was stopped or failed before comes last, so that others do not wait for it. `docs/gpu.py --cpu`
+begins anew; one that was stopped or failed before comes last, so that others do not wait for it. `gpu.py --cpu`
 tries all steps on a processor, with a small network and small pictures.
 """
 
@@ -121,7 +121,7 @@ def steps(size: Size, epochs: int) -> Iterator[Step]:
     yield Step("tests", (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *size.tests))
     for group, overrides in size.bench.items():
         yield Step(f"bench_{group}", (*LFREF, "bench", f"group={group}", on_device, *overrides))
-    yield Step("training_speed", (sys.executable, str(markers.ROOT / "docs" / "training_speed.py")))
+    yield Step("training_speed", (sys.executable, str(markers.ROOT / "benchmarks" / "training_speed.py")))
     lengths = dict.fromkeys(LABELS, epochs) | {LONG: LONGER * epochs}
     for name, n_epochs in lengths.items():
         words = (
@@ -129,14 +129,13 @@ def steps(size: Size, epochs: int) -> Iterator[Step]:
             f"label={LABELS[0] if name == LONG else name}",
             "data=simulated",
             "data.n_validation=2",
-            "scheduler=warmup_cosine",
             *size.train,
             f"trainer.max_epochs={n_epochs}",
             f"+trainer.check_val_every_n_epoch={min(4, n_epochs)}",
         )
         yield Step(f"train_{name}", (*LFREF, "train", *words, "resume=auto"))
     networks = (f"--network={label}={RUNS / f'train_{label}'}" for label in LABELS)
-    paper = str(markers.ROOT / "docs" / "paper.py")
+    paper = str(markers.ROOT / "benchmarks" / "paper.py")
     yield Step("full_size", (sys.executable, paper, "--runs", str(RUNS / "full_size"), *networks))
 
 
@@ -181,7 +180,7 @@ def main() -> None:
     options = parser.parse_args()
     size = TRIAL if options.cpu else FULL
     if size is FULL and not torch.cuda.is_available():
-        raise SystemExit("no GPU here: make gpu needs one; docs/gpu.py --cpu tries its steps on a processor")
+        raise SystemExit("no GPU here: make gpu needs one; benchmarks/gpu.py --cpu tries its steps on a processor")
     end, failed = time.monotonic() + 60 * options.minutes, []
     chosen = [step for step in steps(size, options.epochs) if not options.only or step.name in options.only]
     for step in sorted(chosen, key=lambda step: step.tried.exists()):

@@ -3,7 +3,7 @@
 Counted are `lfref refocus FILE` and `lfref.load()(views, slopes)`, each in a process of its own, without what merely
 loads modules.
 
-Usage: python docs/walk.py [--chain]
+Usage: python benchmarks/walk.py [--chain]
 """
 
 import argparse

@@ -13,17 +13,17 @@ from torch import Tensor
 
 import lfref
 from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
+from lfref.simulator.effects.displacement import Misalignment
 from lfref.simulator.effects.mosaic import Mosaic
 from lfref.simulator.effects.noise import Noise as SensorNoise
 from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
 from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
-from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
+from lfref.simulator.mattes import Disc, Polygon
 from lfref.simulator.scene import Camera, Light, Scene, Surface
-from lfref.simulator.surfaces import Dome, Plane
-from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Stripes
+from lfref.simulator.surfaces import Plane
+from lfref.simulator.textures import Checker, Flat, Noise, Stripes
 
 CAMERA = Camera(size=(96, 144))
 MIDDLE, LEFT, RIGHT, CORNER = (3, 3), (3, 0), (3, 6), (0, 0)
@@ -36,44 +36,6 @@ LID = Surface(Plane(0.8), LINES, Disc(24, (34, 8)))
 DAY, DUSK, IDEAL = Light(), Light(0.6), Sensor()
 CHANGE: dict[str, Any] = {"cmap": "magma", "vmin": 0, "vmax": 0.3}
 DEPTH: dict[str, Any] = {"cmap": "viridis", "vmin": -1, "vmax": 1}
-
-
-def surfaces() -> Figure:
-    """The kinds of geometry, and the disparity of each."""
-    kinds = (Plane(-0.4), Plane(0.0, (0.004, 0.009)), Dome(-0.4, 1.2, 45))
-    scenes = [Scene(CAMERA, (Surface(kind, CLOTH),)) for kind in kinds]
-    results = [lfref.simulate(scene, outputs=("views", "disparity")) for scene in scenes]
-    titles = ("Plane", "Plane with a gradient", "Dome")
-    seen = [(title, result.views[CORNER]) for title, result in zip(titles, results, strict=True)]
-    depths = [("", result.disparity) for result in results]
-    return sheets.sheet([*seen, *depths], bar="disparity, px per view step", **DEPTH)
-
-
-def textures() -> Figure:
-    """The kinds of texture."""
-    kinds = (
-        Flat((0.3, 0.5, 0.7)),
-        Gradient(150, (0.2, 0.3, 0.7), (0.9, 0.8, 0.6), angle=20),
-        LINES,
-        CLOTH,
-        Noise((0.4, 0.45, 0.3), (0.25, 0.25, 0.2), hardness=0.0),
-        Noise((0.4, 0.45, 0.3), (0.25, 0.25, 0.2), hardness=1.0),
-    )
-    titles = ("Flat", "Gradient", "Stripes", "Checker", "Noise(hardness=0)", "Noise(hardness=1)")
-    return sheets.sheet((title, _view(Surface(Plane(0.0), kind))) for title, kind in zip(titles, kinds, strict=True))
-
-
-def outlines() -> Figure:
-    """The kinds of outline, before a wall."""
-    kinds = (
-        Full(),
-        Disc(36),
-        Polygon(((-50, 30), (-10, -40), (10, 10), (55, -20), (30, 40))),
-        Leaf(120, 50, angle=20),
-        Twigs(34, 3, 5, foot=(0, 46), seed=8),
-        Perforated(26, 9, angle=20),
-    )
-    return sheets.sheet((type(kind).__name__, _view(WALL, Surface(Plane(0.5), CLOTH, kind))) for kind in kinds)
 
 
 def materials() -> Figure:
@@ -90,26 +52,9 @@ def materials() -> Figure:
     )
 
 
-def light_and_motion() -> Figure:
-    """Changes of a scene before any camera: light, opacity, motion."""
-    moved, thin = dataclasses.replace(LID, motion=(16.0, 4.0)), dataclasses.replace(LID, opacity=0.5)
-    return sheets.sheet(
-        [
-            ("opacity=0.5", _view(WALL, CARD, thin)),
-            ("motion=(16, 4)", _view(WALL, CARD, moved)),
-            ("Light(0.8, (1, 0.8, 0.5))", _view(WALL, CARD, LID, light=Light(0.8, (1.0, 0.8, 0.5)))),
-        ]
-    )
-
-
 def vignetting() -> Figure:
     """Light that a lens keeps from the corners, in the view in the corner of the aperture."""
     return _changes(Vignetting(0.7), Vignetting(cats_eye=0.7))
-
-
-def chromatic() -> Figure:
-    """Colours of different size and focus, in the same view."""
-    return _changes(Chromatic((1.02, 1.0, 0.98)), Chromatic(disparity=(0.4, 0.0, -0.4)))
 
 
 def lenslets() -> Figure:
@@ -134,8 +79,7 @@ def sensor() -> Figure:
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {
-    f"simulator_{draw.__name__}.jpg": draw
-    for draw in (surfaces, textures, outlines, materials, light_and_motion, vignetting, chromatic, lenslets, sensor)
+    f"simulator_{draw.__name__}.jpg": draw for draw in (materials, vignetting, lenslets, sensor)
 }
 
 

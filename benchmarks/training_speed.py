@@ -1,7 +1,7 @@
 """What options of `lfref train` do to the time of a step: precision, memory layout, compiling.
 
-`python docs/training_speed.py` takes turns with the options, on a GPU if there is one, and leaves tables in
-`runs/figures/training_speed`. `docs/measure.py training_speed training_speed_gpu` puts them into the page on scaling.
+`python benchmarks/training_speed.py` takes turns with the options, on a GPU if there is one, and leaves tables in
+`runs/figures/training_speed`. `measure.py training_speed training_speed_gpu` puts them into the page on scaling.
 """
 
 import functools

@@ -4,7 +4,7 @@ Half of the mutants change logic (a comparison, a sign, a product, `and`, `or`),
 half as large. Each runs in a copy of the tree: first the test file of its module, then the tests of its package, then
 the hostile ones. A seed fixes which mutants are drawn. With `--constants`, each module constant is tried, and no logic.
 
-Usage: python docs/mutants.py [--seed 0] [--number 60] [--workers 2] [--within lfref/captures] [--constants]
+Usage: python benchmarks/mutants.py [--seed 0] [--number 60] [--workers 2] [--within lfref/captures] [--constants]
 """
 
 import argparse
