@@ -20,18 +20,18 @@ export PYTHONWARNINGS ?= ignore::FutureWarning
 # Material for MkDocs advertises its successor otherwise.
 export NO_MKDOCS_2_WARNING ?= 1
 
-.PHONY: help install demo test figures paper ablations gpu weights lint site quick fuzz clean
+.PHONY: help install demo test figures paper ablations gpu weights lint site test-slow fuzz clean
 
 help:
 	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in two pages"
-	@echo "make test                       linters, types, import layers, the site and all tests"
+	@echo "make test                       linters, types, import layers, and the tests that take seconds"
+	@echo "make test-slow                  the site, and the tests that take longer"
 	@echo "make site                       the pages and the reference as a site, in runs/site"
 	@echo "make figures                    measure the figures of README and docs again"
 	@echo "make paper                      the paper's experiments, against the truth; goes on where it was stopped"
 	@echo "make ablations                  which of the paper's choices matter; goes on where it was stopped"
 	@echo "make gpu [MINUTES=10]           what needs a GPU: tests, benches, the paper's network; goes on where it was stopped"
 	@echo "make weights                    train the networks that ship again"
-	@echo "make quick                      the tests that take no more than seconds"
 	@echo "make fuzz                       the tests of properties, by examples that are new at each run"
 	@echo "make clean                      remove runs and caches of this checkout"
 
@@ -62,37 +62,36 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
-	$(BIN)/python docs/scale.py
-	$(BIN)/python docs/busy.py
-	$(BIN)/python docs/browsing.py
-	$(BIN)/python docs/training_speed.py
-	$(BIN)/python docs/paper_speed.py
-	$(BIN)/python docs/living.py --film
-	$(BIN)/python docs/measure.py
-	$(BIN)/python docs/pictures.py
+	$(BIN)/python benchmarks/scale.py
+	$(BIN)/python benchmarks/browsing.py
+	$(BIN)/python benchmarks/training_speed.py
+	$(BIN)/python benchmarks/paper_speed.py
+	$(BIN)/python benchmarks/living.py --film
+	$(BIN)/python benchmarks/measure.py
+	$(BIN)/python benchmarks/pictures.py
 
 paper: install
-	$(BIN)/python docs/paper.py
-	$(BIN)/python docs/paper_speed.py
+	$(BIN)/python benchmarks/paper.py
+	$(BIN)/python benchmarks/paper_speed.py
 
 ablations: install
-	$(BIN)/python docs/ablations.py
+	$(BIN)/python benchmarks/ablations.py
 
 # What needs a GPU, ten minutes at a time: make gpu MINUTES=30. Goes on where it was stopped.
 gpu: install
-	$(BIN)/python docs/gpu.py --minutes $(or $(MINUTES),10)
+	$(BIN)/python benchmarks/gpu.py --minutes $(or $(MINUTES),10)
 
 # The networks that ship, from nothing, in hours. The same words go on where they were interrupted.
 weights: install
 	$(BIN)/lfref train experiment=refiner resume=auto output="$(WEIGHTS)/run"
-	$(BIN)/python docs/weights.py learned "$(WEIGHTS)/run"
+	$(BIN)/python benchmarks/weights.py learned "$(WEIGHTS)/run"
 	for label in shift_and_sum fourier_slice rendered; do \
 		$(BIN)/lfref train experiment=refnet label=$$label resume=auto output="$(WEIGHTS)/$$label" || exit 1; done
-	$(BIN)/python docs/weights.py refnet "$(WEIGHTS)/shift_and_sum"
+	$(BIN)/python benchmarks/weights.py refnet "$(WEIGHTS)/shift_and_sum"
 
 lint: install
-	$(BIN)/ruff check lfref tests docs/*.py
-	$(BIN)/ruff format --check lfref tests docs/*.py
+	$(BIN)/ruff check lfref tests benchmarks/*.py site/*.py
+	$(BIN)/ruff format --check lfref tests benchmarks/*.py site/*.py
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
@@ -104,11 +103,12 @@ $(VENV)/checks: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[mitsuba,export,dashboard]'
 	touch $@
 
-test: lint site $(VENV)/checks
-	$(BIN)/python -m pytest -n auto
-
-quick: install
+test: lint $(VENV)/checks
 	$(BIN)/python -m pytest -n auto -m "not slow"
+
+# Pages in Chromium, SLURM, Mitsuba, the site, the wheel, long trainings, killed processes.
+test-slow: site $(VENV)/checks
+	$(BIN)/python -m pytest -n auto -m slow
 
 fuzz: $(VENV)/checks
 	$(BIN)/python -m pytest -n auto -m hypothesis --hypothesis-profile=fuzz
