@@ -78,18 +78,7 @@ _NAMED = {str(encoding): encoding for encoding in (LINEAR, SRGB, NONE)}
 
 
 def parsed(text: str) -> Encoding:
-    """The encoding that a text names.
-
-    Args:
-        text: `linear`, `srgb`, `gamma:EXPONENT` with an exponent in [0.1, 10], or `none`, which decodes nothing.
-
-    Raises:
-        InputError: The text names no encoding.
-
-    Example:
-        >>> parsed("gamma:2").decode(torch.tensor(0.5))
-        tensor(0.2500)
-    """
+    """The encoding of a text: `linear`, `srgb`, `gamma:EXPONENT` in [0.1, 10], or `none`, which decodes nothing."""
     if (known := _NAMED.get(text)) is not None:
         return known
     curve, _, exponent = text.partition(":")

@@ -49,16 +49,7 @@ def printable(text: str) -> str:
 
 
 def chosen(what: str, name: str, table: Mapping[str, Value]) -> Value:
-    """The entry of a table of choices.
-
-    Args:
-        what: Name of the option, for the message.
-        name: Value of the option, a key of the table.
-        table: The choices by name.
-
-    Raises:
-        InputError: The table has no such key.
-    """
+    """The entry of a table of choices; an InputError that names the option, `what`, if there is none."""
     if name not in table:
         raise InputError(f"{what} must be one of {', '.join(table)}", got=repr(name))
     return table[name]
@@ -70,10 +61,6 @@ def counted(number: int, noun: str, plural: str = "") -> str:
 
 
 def first_line(message: Exception | str) -> str:
-    """The first line of another library's error or message, at most 200 characters; never empty.
-
-    Args:
-        message: An error, whose class name stands in for an empty message, or a text.
-    """
+    """The first line of another library's error or message, at most 200 characters; never empty."""
     default = "an unknown error" if isinstance(message, str) else type(message).__name__
     return (str(message).strip() or default).splitlines()[0][:200]

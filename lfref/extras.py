@@ -19,18 +19,7 @@ EXTRAS = {
 
 @contextmanager
 def needed(what: str) -> Iterator[None]:
-    """Turn the error about a package that is not installed into one that names the extra to install.
-
-    Args:
-        what: What needs the package, as the start of a sentence.
-
-    Raises:
-        InputError: A package of `EXTRAS` is not installed.
-
-    Example:
-        >>> with needed("a film"):
-        ...     import av
-    """
+    """Turn the error about a package of `EXTRAS` that is not installed into one that names the extra to install."""
     try:
         yield
     except ModuleNotFoundError as error:

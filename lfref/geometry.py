@@ -44,59 +44,32 @@ def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
     Returns:
         Slopes in pixels per view step, float64, [N].
 
-    Raises:
-        InputError: An alpha is not finite or not above 0, the list is empty, or the convention is unknown.
-
     Example:
         >>> slopes([0.125, 1, 2]).tolist()
         [-7.0, 0.0, 0.5]
     """
     to_slope = chosen("convention", convention, CONVENTIONS).to_slope
-    checked = checked_alphas(alphas)
-    values = torch.tensor([to_slope(alpha) for alpha in checked], dtype=torch.float64)
-    if not bool(values.isfinite().all()):
-        raise InputError("alpha must be far enough from 0 for a finite slope", got=list(checked))
+    try:
+        numbers = [float(alpha) for alpha in alphas]
+        values = torch.tensor(
+            [to_slope(alpha) if 0 < alpha < math.inf else math.nan for alpha in numbers], dtype=torch.float64
+        )
+    except (TypeError, ValueError):
+        values = torch.empty(0)
+    if not len(values) or not bool(values.isfinite().all()):
+        remedy = "for example [0.5,1,2]; 1 is the captured focus"
+        raise InputError("alphas must be a list of finite numbers above 0", got=repr(alphas), remedy=remedy)
     return values
 
 
 def even_slopes(n_planes: int, first: float = -1.0, last: float = 1.0) -> Tensor:
-    """Slopes an equal step apart.
-
-    Args:
-        n_planes: Number of planes, >= 1; a single one lies midway.
-        first: Slope of the first plane, in pixels per view step.
-        last: Slope of the last plane, in pixels per view step.
-
-    Returns:
-        Slopes in pixels per view step, float64, [n_planes].
-
-    Raises:
-        InputError: No plane, or an end that is not finite.
-    """
+    """Slopes an equal step apart, float64, [n_planes]; a single one lies midway."""
     if n_planes < 1 or not all(map(math.isfinite, (first, last))) or not float(n_planes).is_integer():
-        raise InputError(
-            "an even grid needs a whole number of planes and finite ends",
-            got=f"{n_planes} planes from {first} to {last}",
-        )
+        got = f"{n_planes} planes from {first} to {last}"
+        raise InputError("an even grid needs a whole number of planes and finite ends", got=got)
     if n_planes == 1:
         return torch.tensor([(first + last) / 2], dtype=torch.float64)
     return torch.linspace(first, last, int(n_planes), dtype=torch.float64)
-
-
-def checked_alphas(alphas: Iterable[float]) -> tuple[float, ...]:
-    """The alphas as plain numbers; an `InputError` unless there is one at least, and all are finite and above 0."""
-    try:
-        values = tuple(float(alpha) for alpha in alphas)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            "alphas must be a list of numbers", got=repr(alphas), remedy="for example [0.5,1,2]"
-        ) from error
-    if not values:
-        raise InputError("alphas must name at least one focal plane", got="an empty list")
-    for alpha in values:
-        if not (math.isfinite(alpha) and alpha > 0):
-            raise InputError("alpha must be finite and above 0", got=alpha, remedy="alpha = 1 is the captured focus")
-    return values
 
 
 def angular_offsets(n_views: int) -> Tensor:
@@ -114,37 +87,21 @@ def as_slopes(slopes: Slopes | float) -> Tensor:
     try:
         numbers = np.ascontiguousarray(slopes) if isinstance(slopes, np.ndarray) else slopes
         values = torch.as_tensor(numbers, dtype=torch.float64, device="cpu").detach().reshape(-1)
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise InputError(
-            "slopes must be a list of numbers", got=repr(slopes), remedy="for example [-1,0,0.5]"
-        ) from error
+    except (TypeError, ValueError, RuntimeError):
+        values = torch.empty(0)
     if values.numel() == 0 or not bool(values.isfinite().all()):
-        raise InputError("slopes must be finite and at least one", got=values.tolist())
+        raise InputError("slopes must be finite and at least one", got=repr(slopes), remedy="for example [-1,0,0.5]")
     return values
 
 
 def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -> Tensor:
-    """The slopes as float64 on the CPU, after a check that they fit the views.
-
-    Args:
-        slopes: Slopes in pixels per view step, [N] (or one number).
-        grid: Number of view rows and columns (V, U).
-        size: Height and width (H, W) of a view in pixels.
-
-    Returns:
-        The slopes, float64, CPU, [N].
-
-    Raises:
-        InputError: There is no slope, a slope is not finite, or the corner shift is half a view or more.
-    """
+    """The slopes as float64 on the CPU, [N]; an InputError if a corner view shifts by half its size [H, W] or more."""
     values = as_slopes(slopes)
     for n_views, length, axis in zip(grid, size, ("height", "width"), strict=True):
         if (shift := corner_shift(values, (n_views,))) > 0 and shift >= length / 2:
-            raise InputError(
-                f"the outermost view must shift by less than half the {axis} ({length / 2:g} px)",
-                got=f"{shift:g} px at slope {float(values[values.abs().argmax()]):g}",
-                remedy="set slopes=[...] nearer to 0 (alphas=[...] nearer to 1), or use larger views",
-            )
+            expected = f"the outermost view must shift by less than half the {axis} ({length / 2:g} px)"
+            got = f"{shift:g} px at slope {float(values[values.abs().argmax()]):g}"
+            raise InputError(expected, got=got, remedy="set slopes=[...] nearer to 0 (alphas=[...] nearer to 1)")
     return values
 
 
@@ -158,9 +115,6 @@ class FocalPlanes:
     Args:
         slopes: Finite slopes in pixels per view step, at least one, [N].
         convention: Meaning of alpha, a key of `CONVENTIONS`, if the planes were written as alphas; else None.
-
-    Raises:
-        InputError: The slopes cannot be used, or the convention is unknown.
 
     Example:
         >>> FocalPlanes([-1, 0, 0.5]).labels
@@ -177,8 +131,7 @@ class FocalPlanes:
     """Meaning of alpha if the planes were written as alphas, else None."""
 
     def __init__(self, slopes: Slopes, convention: str | None = None) -> None:
-        # A grid of one view shifts nothing: only the numbers are checked.
-        object.__setattr__(self, "values", tuple(checked_slopes(slopes, (1, 1), (1, 1)).tolist()))
+        object.__setattr__(self, "values", tuple(as_slopes(slopes).tolist()))
         if convention is not None:
             chosen("convention", convention, CONVENTIONS)
         object.__setattr__(self, "convention", convention)
@@ -209,11 +162,8 @@ class FocalPlanes:
     def titles(self) -> tuple[str, ...]:
         """Slope and alpha of each plane: `slope -7, alpha 0.125`; the slope alone if no alpha gives it."""
         to_alpha = CONVENTIONS[self.convention or "ng"].to_alpha
-        pairs = ((slope, to_alpha(slope)) for slope in self.values)
-        return tuple(
-            f"slope {slope:.4g}, alpha {alpha:.4g}" if 0 < alpha < math.inf else f"slope {slope:.4g}"
-            for slope, alpha in pairs
-        )
+        alphas = (f", alpha {a:.4g}" if 0 < (a := to_alpha(slope)) < math.inf else "" for slope in self.values)
+        return tuple(f"slope {slope:.4g}{alpha}" for slope, alpha in zip(self.values, alphas, strict=True))
 
     def has_slopes(self, slopes: Slopes) -> bool:
         """Whether slopes [N] are those of these planes, up to rounding to float32."""
@@ -226,7 +176,7 @@ class FocalPlanes:
 
 
 def planes_at_alphas(alphas: Iterable[float], convention: str = "ng") -> FocalPlanes:
-    """Planes that are written as alphas; arguments and errors are those of `slopes`.
+    """Planes that are written as alphas; arguments are those of `slopes`.
 
     Example:
         >>> planes_at_alphas([0.125, 1, 2]).slopes.tolist()
@@ -236,7 +186,7 @@ def planes_at_alphas(alphas: Iterable[float], convention: str = "ng") -> FocalPl
 
 
 def even_planes(n: int = 16, first: float = -1.0, last: float = 1.0) -> FocalPlanes:
-    """Planes whose slopes are an equal step apart; arguments and errors are those of `even_slopes`.
+    """`n` planes whose slopes are an equal step apart from `first` to `last`.
 
     Example:
         >>> even_planes(5, -2, 2).values
@@ -255,16 +205,7 @@ N_STRIPS = 4096
 
 
 def covered_by_disc(rows: Tensor, columns: Tensor, radius: float = 1.0) -> Tensor:
-    """Area of each cell that a disc about 0 covers.
-
-    Args:
-        rows: Edges of the rows of cells, rising, float64, [J + 1].
-        columns: Edges of the columns of cells, rising, float64, [I + 1].
-        radius: Radius of the disc.
-
-    Returns:
-        Areas, float64, [J, I].
-    """
+    """Area [J, I] that a disc about 0 covers of each cell, between rising edges of rows [J + 1] and columns [I + 1]."""
     # Horizontal strips, which are narrow at the top and the bottom of the disc.
     strips = -radius * torch.linspace(0, torch.pi, N_STRIPS + 1, dtype=torch.float64).cos()
     half_chord = (radius**2 - ((strips[1:] + strips[:-1]) / 2).square()).sqrt()
@@ -272,17 +213,9 @@ def covered_by_disc(rows: Tensor, columns: Tensor, radius: float = 1.0) -> Tenso
 
 
 def covered_by_polygon(rows: Tensor, columns: Tensor, n_corners: int, radius: float = 1.0, turn: float = 0.0) -> Tensor:
-    """Area of each cell that a regular polygon about 0 covers.
+    """Area [J, I] that a regular polygon about 0 covers of each cell, as `covered_by_disc`.
 
-    Args:
-        rows: Edges of the rows of cells, rising, float64, [J + 1].
-        columns: Edges of the columns of cells, rising, float64, [I + 1].
-        n_corners: Number of corners, at least 3.
-        radius: Radius of the circle through the corners.
-        turn: Angle of one corner, from the columns' axis towards the rows', in radians.
-
-    Returns:
-        Areas, float64, [J, I].
+    `turn` is the angle of one corner, from the columns' axis towards the rows', in radians.
     """
     heights = [radius * math.sin(turn + 2 * corner * math.pi / n_corners) for corner in range(n_corners)]
     strips = torch.linspace(min(heights), max(heights), N_STRIPS + 1, dtype=torch.float64)

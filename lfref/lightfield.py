@@ -54,16 +54,11 @@ class LightField:
         check_views(self.views)
         if self.views.ndim != 5:
             raise InputError("one light field is [V, U, C, H, W]", got=f"shape {list(self.views.shape)}")
-        n_rows, n_columns, _, height, width = self.views.shape
-        shape = (n_rows, n_columns, 1, height, width)
-        if self.weight is not None and self.weight.shape != shape:
-            raise InputError(f"weight must be {list(shape)}", got=f"shape {list(self.weight.shape)}")
-        if self.positions is not None:
-            fits = self.positions.shape == (n_rows, n_columns, 2)
-            if not fits or not bool(self.positions.isfinite().all()):
-                got = "NaN or infinity" if fits else f"shape {list(self.positions.shape)}"
-                expected = f"positions must be {[n_rows, n_columns, 2]}, finite, (v, u) in view steps"
-                raise InputError(expected, got=got)
+        shapes = {"weight": (*self.grid, 1, *self.size), "positions": (*self.grid, 2)}
+        for name, shape in shapes.items():
+            given = getattr(self, name)
+            if given is not None and given.shape != shape:
+                raise InputError(f"{name} must be {list(shape)}", got=f"shape {list(given.shape)}")
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -86,22 +81,10 @@ class LightField:
         return replace(self, views=self.views.to(device, non_blocking=non_blocking), weight=weight)
 
     def crop(self, top: int, left: int, height: int, width: int) -> "LightField":
-        """The same rectangle of every view.
-
-        Args:
-            top: First row, in pixels.
-            left: First column, in pixels.
-            height: Rows to keep, in pixels.
-            width: Columns to keep, in pixels.
-
-        Raises:
-            InputError: The rectangle does not lie inside the views.
-        """
+        """The same rectangle of every view, which begins at row `top` and column `left`."""
         if min(top, left) < 0 or min(height, width) < 1 or top + height > self.size[0] or left + width > self.size[1]:
-            raise InputError(
-                f"a crop must lie inside the {self.size[0]}x{self.size[1]} views",
-                got=f"{height}x{width} at ({top}, {left})",
-            )
+            got = f"{height}x{width} at ({top}, {left})"
+            raise InputError(f"a crop must lie inside the {self.size[0]}x{self.size[1]} views", got=got)
         window = (..., slice(top, top + height), slice(left, left + width))
         weight = None if self.weight is None else self.weight[window]
         return replace(self, views=self.views[window], weight=weight)

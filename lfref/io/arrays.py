@@ -6,7 +6,6 @@ another file, are never loaded.
 A letter stands for each axis: `v u` view row and column, `n` views row by row, `h w` pixel row and column, `c` channel
 (the last of 2 or 4 is a weight). Letters have the order in which Python or MATLAB indexes the array. The Light Field
 Toolbox's `LF` [t, s, v, u, c] is `vuhwc` here.
-Each format has a module of its own.
 """
 
 import math
@@ -175,9 +174,8 @@ def _likely_axes(array: StoredArray, path: Path) -> str:
     possible = [order for order in ORDERS if len(order) == len(array.shape) and allows(order)]
     if len(possible) == 1:
         return possible[0]
-    got = f"shape {_times(array.shape)}" + (f", which may be {' or '.join(possible)}" if possible else "")
-    remedy = "set reader.axes, for example vuhwc: v u view row and column, h w pixel row and column, c channel"
-    raise InputError(f"{path} must say what its axes are", got=got, remedy=remedy)
+    got = f"shape {_times(array.shape)}, which may be {' or '.join(possible) or 'none that is known'}"
+    raise InputError(f"{path} must say what its axes are", got=got, remedy="set reader.axes, for example vuhwc")
 
 
 def _check(array: StoredArray, axes: str, path: Path) -> None:
@@ -196,8 +194,7 @@ def arranged(stored: NDArray, axes: str, shape: tuple[int, int] | None, path: Pa
         at = axes.index("n")
         rows, columns = shape or (math.isqrt(stored.shape[at]),) * 2
         if rows * columns != stored.shape[at]:
-            remedy = "set reader.grid=[rows,columns]"
-            raise InputError(f"{path} must hold {rows}x{columns} views", got=stored.shape[at], remedy=remedy)
+            raise InputError(f"{path} must hold the views of reader.grid, or a square number", got=stored.shape[at])
         stored = stored.reshape(*stored.shape[:at], rows, columns, *stored.shape[at + 1 :])
         axes = axes.replace("n", "vu")
     if "c" not in axes:
@@ -210,14 +207,10 @@ def _radiances(views: NDArray, path: Path) -> NDArray:
     kind = views.dtype.newbyteorder("=")
     if kind in (np.uint8, np.uint16):
         return np.asarray(views).astype(kind)
-    if views.dtype.kind != "f":
-        expected = f"{path} must hold uint8, uint16 or floating point"
-        raise FileError(expected, got=views.dtype, remedy="convert it")
+    if views.dtype.kind != "f" or (views.max() > 1 and not np.any(views % 1)):
+        raise FileError(f"{path} must hold uint8, uint16 or floats in [0, 1]", got=views.dtype, remedy="convert it")
     light = views.astype(np.float32)
     images.check_finite(light, path)
-    if (largest := float(light.max())) > 1 and not np.any(light % 1):
-        remedy = "store it as uint8 or uint16, or divide it by its full scale"
-        raise FileError(f"{path} must hold floats in [0, 1]", got=f"whole numbers up to {largest:g}", remedy=remedy)
     return light
 
 

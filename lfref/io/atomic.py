@@ -1,15 +1,11 @@
-"""Writing that never leaves half a file: a hidden name beside the target, fsync, rename.
-
-A killed process leaves the old file as it was, and perhaps a hidden `.NAME.partial-*` beside it. An error of the
-operating system becomes a `FileError` of one line.
-"""
+"""Writing that never leaves half a file: a hidden name `.NAME.partial-*` beside the target, fsync, rename."""
 
 import errno
 import os
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from lfref.errors import FileError, LfrefError
@@ -37,16 +33,6 @@ def _partial_name(path: Path) -> Path:
     return path.with_name(f".{path.stem[:200]}.partial-{secrets.token_hex(6)}{path.suffix}")
 
 
-def _flush(path: Path) -> None:
-    """Make the operating system put a file or folder on the disk; not every file system can do it for a folder."""
-    with suppress(OSError) if path.is_dir() else nullcontext():
-        descriptor = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-
-
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """Write a file under a temporary name with the same suffix; it replaces `path` only if the body succeeds."""
@@ -58,11 +44,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         try:
             yield partial
-            _flush(partial)
+            with partial.open("rb") as file:
+                os.fsync(file.fileno())
             partial.replace(path)
         finally:
             partial.unlink(missing_ok=True)
-        _flush(path.parent)
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -73,10 +59,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 @contextmanager
 def filling_folder(path: str | Path) -> Iterator[Path]:
-    """Fill a new folder under a temporary name, which it loses if the body succeeds; one that exists is filled itself.
-
-    The body must flush its files.
-    """
+    """Fill a new folder under a temporary name, which it loses at the end; one that exists is filled itself."""
     path = Path(path)
     if path.is_dir():
         yield path
@@ -86,8 +69,6 @@ def filling_folder(path: str | Path) -> Iterator[Path]:
         try:
             partial.mkdir(parents=True)
             yield partial
-            _flush(partial)
             partial.rename(path)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
-        _flush(path.parent)

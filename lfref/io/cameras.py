@@ -1,11 +1,8 @@
-"""Positions of the cameras, where they do not stand on an even square grid.
+"""Positions of cameras off an even square grid: (v, u) in view steps from the angular centre, [V, U, 2].
 
-A user gives them as a file, as the names of a Stanford gantry's views, or as the spacing of the grid. This module
-converts them to the only form inside lfref: (v, u) of each camera in view steps from the angular centre, [V, U, 2].
-
-A CSV file has a line per view below the header `row,column,v,u` or `view,v,u` (views row by row); a JSON file has a
-list of such records, or an array [V, U, 2]. In files, v and u may have any unit and either direction: they are scaled
-so that the mean step between neighbouring views is 1.
+A user gives them as a file, as the names of a Stanford gantry's views, or as the spacing of the grid. A CSV file has a
+line per view below the header `row,column,v,u` or `view,v,u` (views row by row); a JSON file has a list of such
+records, or an array [V, U, 2]. There v and u may have any unit and either direction.
 """
 
 import csv
@@ -32,13 +29,7 @@ NAMES = "names"
 
 
 def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_]) -> NDArray[np.float64] | None:
-    """Positions from the option `positions` or `spacing`; None for an even square grid.
-
-    Args:
-        path: The light field.
-        options: Options of the reader; those that choose views count too.
-        present: Which of the chosen views exist, as stored but transposed if `transpose` says so, [V, U].
-    """
+    """Positions by the options; None for an even square grid. `present` says which views exist, after `transpose`."""
     if options.positions is None:
         spacing = options.spacing or (1, 1)
         return None if spacing == (1, 1) else even_positions(present.shape, spacing)
@@ -58,14 +49,7 @@ def even_positions(shape: Sequence[int], spacing: Sequence[float] = (1.0, 1.0)) 
 
 
 def read_positions(path: str | Path) -> NDArray[np.float64]:
-    """The positions (v, u) in a CSV or JSON file as written, NaN for views that are left out, [V, U, 2].
-
-    Example:
-        >>> from lfref.io import atomic, cameras
-        >>> atomic.write_text("rig.csv", "row,column,v,u\\n0,0,0,0\\n0,1,0,31\\n0,2,0,60\\n")
-        >>> cameras.read_positions("rig.csv")[0, :, 1].tolist()
-        [0.0, 31.0, 60.0]
-    """
+    """The positions (v, u) in a CSV or JSON file as written, NaN for views that are left out, [V, U, 2]."""
     path = Path(path)
     with atomic.file_errors(path, "read"):
         contents = path.read_bytes()
@@ -97,15 +81,10 @@ def _of_records(records: list[dict[Any, Any]]) -> NDArray[np.float64]:
 
 
 def normalised(listed: NDArray[np.float64], present: NDArray[np.bool_], source: str) -> NDArray[np.float64] | None:
-    """Positions in view steps from the angular centre.
+    """Positions in view steps from the angular centre, of those in any unit; None if they are even.
 
     The nearest even grid sets the centre (its middle is 0), the unit (its mean step is 1) and the signs (positions grow
-    with rows and columns). Missing views get the positions of the even grid. The result is None if all are even.
-
-    Args:
-        listed: Positions in any unit, NaN where unknown, [V, U, 2].
-        present: Which views exist, [V, U].
-        source: Origin of the positions, for messages.
+    with rows and columns). Missing views get the positions of the even grid.
     """
     if not np.isfinite(listed[present]).all():
         row, column = np.argwhere(present & ~np.isfinite(listed).all(axis=2))[0]

@@ -1,11 +1,10 @@
-"""Maps of disparity as files: point clouds, and portable float maps (PFM).
+"""Maps of disparity as files: point clouds (PLY), and portable float maps (PFM).
 
-A point cloud shows a map in space; it is a PLY file, which MeshLab, CloudCompare and Blender read. Axes: x to the
-right, y upwards, z towards the viewer. The unit is the metre where the cameras are known: a point at depth Z moves by
-`b f (1/Z - 1/F)` pixels between cameras at distance b that are focused on depth F, with the focal length f in pixels.
-Else x and y are pixels from the centre of the picture, and z is the disparity at a scale that shows relief.
-A PFM file is one picture of 32-bit floats, the usual form of maps in data sets: a text header (`Pf` grey or `PF`
-colour, width and height, a scale whose sign tells the byte order), then the rows from the bottom up.
+Axes of a point cloud: x to the right, y upwards, z towards the viewer. The unit is the metre where the cameras are
+known: a point at depth Z moves by `b f (1/Z - 1/F)` pixels between cameras at distance b that are focused on depth F,
+with the focal length f in pixels. Else x and y are pixels from the centre of the picture, and z is the disparity at a
+scale that shows relief. A PFM file is a text header (`Pf` grey or `PF` colour, width and height, a scale whose sign
+tells the byte order), then rows of 32-bit floats from the bottom up.
 Sources of the formats: Turk, "The PLY Polygon File Format", 1994; Debevec's description of PFM.
 """
 
@@ -20,6 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lfref.errors import first_line
 from lfref.io import atomic, images
 
 RELIEF = 0.25
@@ -30,26 +30,20 @@ METADATA = {"focal length": " mm", "sensor size": " mm", "baseline": " mm", "foc
 """Entry of the metadata -> its unit."""
 CUT = "cut from"
 """Entry of the metadata with the size of the pictures before they were cropped, such as `512x512 pixels`."""
-TYPES = {"f4": "float", "u1": "uchar"}
-"""Sample type in numpy -> its name in a PLY header."""
-COLOURS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True)
 class Cameras:
-    """Pinhole cameras in a plane, an equal step apart, all focused on (or cropped to) one depth.
-
-    Attributes:
-        focal_length: In longer sides of the picture.
-        baseline: Distance from one view to the next, in metres.
-        focus: Depth at which disparity is 0, in metres.
-        size: Height and width of uncropped pictures (maps are their top left corner); None: size of the maps.
-    """
+    """Pinhole cameras in a plane, an equal step apart, all focused on (or cropped to) one depth."""
 
     focal_length: float
+    """In longer sides of the picture."""
     baseline: float
+    """Distance from one view to the next, in metres."""
     focus: float
+    """Depth at which disparity is 0, in metres."""
     size: tuple[int, int] | None = None
+    """Height and width of uncropped pictures (maps are their top left corner); None: size of the maps."""
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> "Cameras | None":
@@ -86,13 +80,9 @@ class Points(NamedTuple):
 
 
 def points(nearness: Tensor, chosen: Tensor, cameras: Cameras | None = None) -> Points:
-    """Put pixels of a disparity map into space.
+    """Put chosen pixels [H, W] of a disparity map into space, where they are finite and nearer than `FARTHEST`.
 
-    Args:
-        nearness: Disparity in pixels per view step, with the sign that makes near points larger, [H, W].
-        chosen: Pixels to put into space, boolean, [H, W]; those that are not finite, or beyond `FARTHEST`, are left
-            out.
-        cameras: The cameras of the light field; None if unknown.
+    `nearness` is the disparity in pixels per view step, with the sign that makes near points larger, [H, W].
     """
     near = nearness.double()
     pixels = chosen.bool() & near.isfinite()
@@ -103,7 +93,7 @@ def points(nearness: Tensor, chosen: Tensor, cameras: Cameras | None = None) -> 
     x = (columns - (width - 1) / 2).expand_as(near)
     if cameras is None:
         scale = RELIEF * min(height, width)
-        unit = f"unit: pixel; z is {scale:g} times the nearness (disparity with the sign by which larger is nearer)"
+        unit = f"unit: pixel; z is {scale:g} times the disparity, larger if nearer"
         return Points(torch.stack([x, y, scale * near], -1)[pixels].float(), pixels, unit)
     f, (at_zero, growth) = cameras.focal_pixels(near.shape), cameras.dioptres(near.shape)
     inverse = at_zero + growth * near
@@ -119,67 +109,51 @@ def write_points(
     others: Mapping[str, NDArray] | None = None,
     comments: Sequence[str] = (),
 ) -> None:
-    """Write a point cloud as a binary PLY file: `x y z`, `red green blue`, and further properties.
+    """Write a point cloud as a binary PLY file.
 
     Args:
-        path: The `.ply` file to write, which must not exist; missing parent folders are created.
-        positions: Positions of the points, finite, [P, 3].
-        colours: Colours of the points, encoded for the screen, RGB, uint8, [P, 3].
+        path: The `.ply` file to write.
+        positions: Positions `x y z` of the points, [P, 3].
+        colours: Colours `red green blue` of the points, encoded for the screen, uint8, [P, 3].
         others: Further properties by name (one word), [P] each.
         comments: Lines for the header: units, and the meaning of the numbers.
-
-    Example:
-        >>> write_points("corner.ply", np.zeros((1, 3)), np.zeros((1, 3), np.uint8), comments=["unit: metre"])
     """
-    path, others = Path(path), dict(others or {})
-    columns = {name: positions[:, axis] for axis, name in enumerate("xyz")} | others
-    n_points = len(positions)
     # Colours come before properties that only some programs read.
-    fields = [(name, "<f4") for name in "xyz"] + [(name, "u1") for name in COLOURS] + [(name, "<f4") for name in others]
-    table = np.empty(n_points, fields)
-    for name, values in columns.items():
-        table[name] = values
-    for channel, name in enumerate(COLOURS):
-        table[name] = colours[:, channel]
-    notes = [f"comment {' '.join(line.split())}" for line in ("written by lfref", *comments)]
-    properties = [f"property {TYPES[kind[1:] if kind[0] == '<' else kind]} {name}" for name, kind in fields]
-    header = ["ply", "format binary_little_endian 1.0", *notes, f"element vertex {n_points}", *properties, "end_header"]
+    columns = {name: positions[:, k].astype("<f4") for k, name in enumerate("xyz")}
+    columns |= {name: colours[:, k] for k, name in enumerate(("red", "green", "blue"))}
+    columns |= {name: values.astype("<f4") for name, values in (others or {}).items()}
+    kinds = {name: "uchar" if values.dtype == np.uint8 else "float" for name, values in columns.items()}
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *(f"comment {line}" for line in ("written by lfref", *comments)),
+    ]
+    header += [f"element vertex {len(positions)}", *(f"property {kind} {name}" for name, kind in kinds.items())]
+    table = np.rec.fromarrays(list(columns.values()))
     with atomic.replacing(path) as partial, partial.open("wb") as file:
-        file.write(("\n".join(header) + "\n").encode("ascii", "replace"))
+        file.write("\n".join([*header, "end_header\n"]).encode("ascii", "replace"))
         file.write(table.tobytes())
 
 
 HEADER = re.compile(rb"P([Ff])\s+(\d+)\s+(\d+)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)\s", re.ASCII)
 """Header of a PFM file; one byte of white space ends it, and the data follow."""
-LETTERS = {1: b"f", 3: b"F"}
-SCALE = b"-1.0"
-"""Scale of little-endian files."""
 
 
 def read_pfm(path: str | Path) -> NDArray[np.float32]:
-    """Values of a PFM file as stored, top row first, float32, [H, W, C] with C 1 or 3.
-
-    NaN and infinity are kept: some data sets write them for unknown values. The size of the scale is ignored, since
-    data sets disagree on its meaning.
-
-    Example:
-        >>> from lfref.io import disparity_files
-        >>> disparity_files.write_pfm("disparity.pfm", np.zeros((24, 32), np.float32))
-        >>> disparity_files.read_pfm("disparity.pfm").shape
-        (24, 32, 1)
-    """
+    """Values of a PFM file, also NaN and infinity, top row first, float32, [H, W, C] with C 1 or 3."""
     path = Path(path)
     with atomic.file_errors(path, "read"):
         contents = path.read_bytes()
     header = HEADER.match(contents)
     if header is None:
         raise images.damaged(path, "no header of a PFM file")
-    width, height, n_channels = int(header[2]), int(header[3]), 1 if header[1] == b"f" else 3
-    data = memoryview(contents)[header.end() :]
-    if not len(data) == 4 * width * height * n_channels > 0:
-        raise images.damaged(path, f"{len(data)} bytes for {width}x{height} pixels of {4 * n_channels}")
+    shape = int(header[3]), int(header[2]), 1 if header[1] == b"f" else 3
+    # The size of the scale is ignored, since data sets disagree on its meaning.
     order = "<" if header[4].startswith(b"-") else ">"
-    rows = np.frombuffer(data, f"{order}f4").reshape(height, width, n_channels)
+    try:
+        rows = np.frombuffer(contents[header.end() :], f"{order}f4").reshape(shape)
+    except ValueError as error:
+        raise images.damaged(path, first_line(error)) from error
     return np.ascontiguousarray(rows[::-1], dtype=np.float32)
 
 
@@ -200,11 +174,9 @@ def read_hci_disparity(path: str | Path) -> Tensor:
 
 
 def write_pfm(path: str | Path, values: NDArray) -> None:
-    """Write a PFM file, all of it or nothing: finite values, top row first, [H, W] or [H, W, C] with C 1 or 3."""
-    path = Path(path)
-    picture = values[..., None] if values.ndim == 2 else values
-    samples = images.quantised(picture, "float", path)
-    height, width, n_channels = samples.shape
+    """Write a PFM file: finite values, top row first, [H, W] or [H, W, C] with C 1 or 3."""
+    samples = images.quantised(values, "float", Path(path))
+    letter = b"F" if samples.ndim == 3 and samples.shape[2] == 3 else b"f"
     with atomic.replacing(path) as partial:
-        first_lines = b"P%s\n%d %d\n%s\n" % (LETTERS[n_channels], width, height, SCALE)
+        first_lines = b"P%s\n%d %d\n-1.0\n" % (letter, samples.shape[1], samples.shape[0])
         partial.write_bytes(first_lines + samples[::-1].astype("<f4").tobytes())

@@ -15,14 +15,10 @@ from numpy.typing import NDArray
 from lfref.errors import FileError, first_line
 from lfref.geometry import FocalPlanes
 from lfref.io import images, samples
-from lfref.io.samples import Cell, ReadOptions, Samples
+from lfref.io.samples import ReadOptions, Samples
 
 VIEW = re.compile(r"view_(\d+)_(\d+)")
 PLANE = re.compile(r"plane_(\d+)")
-
-
-def _view_name(cell: Cell) -> str:
-    return f"view_{cell[0]:02d}_{cell[1]:02d}"
 
 
 def _numbered_parts(source: OpenImageIO.ImageInput, pattern: re.Pattern[str]) -> dict[tuple[int, ...], int]:
@@ -45,8 +41,10 @@ def holds_views(path: Path) -> bool:
 
 def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:
     """Write views, floating point, [V, U, C, H, W], one part a view; 32 bits or 16 (half)."""
-    cells = [(row, column) for row, column in np.ndindex(views.shape[:2])]
-    parts = [images.Part(views[cell].transpose(1, 2, 0), _view_name(cell)) for cell in cells]
+    parts = [
+        images.Part(views[row, column].transpose(1, 2, 0), f"view_{row:02d}_{column:02d}")
+        for row, column in np.ndindex(views.shape[:2])
+    ]
     images.write_parts(path, parts, bits)
 
 
@@ -57,7 +55,7 @@ def decode_views(path: Path, options: ReadOptions) -> Samples:
         if not cells:
             raise FileError(f"{path} must hold parts named view_RR_CC", remedy="write it with lfref.write")
         shape = samples.extent(cells)
-        samples.check_holes(cells, shape, _view_name, path, options.holes)
+        samples.check_holes(cells, shape, path, options.holes)
         window = options.window(shape, path)
         colours, weight = samples.gather(cells, window, lambda part: images.read_part(source, path, part))
     return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(colours)))
@@ -86,6 +84,4 @@ def read_planes(path: Path) -> tuple[NDArray, FocalPlanes]:
             return stack, FocalPlanes(slopes, specs[0].getattribute("convention"))
         except (TypeError, ValueError) as error:
             expected = f"{path} must hold parts named plane_NN, each with its slope"
-            raise FileError(
-                expected, got=first_line(error), remedy="write it with lfref.io.write.write_stack"
-            ) from error
+            raise FileError(expected, got=first_line(error), remedy="write it with write_stack") from error

@@ -2,15 +2,12 @@
 
 An image is an array [H, W, C]: row y, column x, channel. The last of 2 or 4 channels is a weight (alpha); it is never
 multiplied into the colours. EXR files may hold several images, called parts.
-
-OpenImageIO reports damage late and sometimes not at all: a truncated JPEG gives an array and an error, a PNG without
-its last bytes gives an array and no error.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -108,12 +105,6 @@ def format_of_head(head: bytes) -> str | None:
     return next((name for name, image_format in FORMATS.items() if starts_with(head, image_format.magics)), None)
 
 
-def described_head(head: bytes) -> str:
-    """Kind of a file by its first bytes, for messages: `an image in PNG`, `an empty file`."""
-    name = format_of_head(head)
-    return f"an image in {name.upper()}" if name else "another kind of file" if head else "an empty file"
-
-
 @contextmanager
 def open_image(path: Path, is_alpha_apart: bool = True) -> Iterator[OpenImageIO.ImageInput]:
     """Open an image file of `FORMATS` for decoding; alpha of PNG and WebP is kept apart or multiplied in."""
@@ -121,7 +112,7 @@ def open_image(path: Path, is_alpha_apart: bool = True) -> Iterator[OpenImageIO.
     image_format = format_of_head(head)
     if image_format is None:
         expected = f"{path} must be an image ({', '.join(FORMATS).upper()})"
-        raise FileError(expected, got=described_head(head), remedy="copy or convert it again")
+        raise FileError(expected, got="another kind of file", remedy="copy or convert it again")
     OpenImageIO.attribute("limits:imagesize_MB", LIMIT_MB)
     hints = OpenImageIO.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", int(is_alpha_apart))
@@ -156,10 +147,7 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
-    """The encoding of a file's samples: the option `encoding`, else the file's header, else the default.
-
-    Encodings stand in the sRGB and gAMA chunks of PNG, and in the EXIF of JPEG and TIFF.
-    """
+    """The encoding of a file's samples: the option `encoding`, else the file's header, else the default."""
     if option != "file":
         return encodings.parsed(option)
     if format_of_head(read_head(path)) is None:
@@ -216,24 +204,19 @@ def read_image(path: str | Path) -> NDArray:
         return read_part(source, Path(path))
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """One image of a file: samples [H, W, C], C 1 to 4, nominally in [0, 1], a unique name, and metadata."""
 
     samples: NDArray
     name: str = ""
-    attributes: Mapping[str, str | float] = field(default_factory=dict)
+    attributes: Mapping[str, str | float] = MappingProxyType({})
 
 
 def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, quality: int = QUALITY) -> None:
-    """Write an image file, all of it or nothing.
+    """Write samples [H, W, C] as an image file, all of it or nothing; the suffix is a key of `DEPTHS`.
 
-    Args:
-        path: The file to write, with a suffix of `DEPTHS`; missing parent folders are created.
-        array: Samples [H, W, C] with C 1 to 4: uint8, uint16, or floats, which integer formats clip to [0, 1] and
-            round. The last of 2 or 4 channels is a weight, which JPEG and AVIF cannot hold.
-        bits: Bits per sample, 8, 16 or 32, as in `DEPTHS`; None: the first, but 16 for a uint16 array as PNG or TIFF.
-        quality: Quality of a JPEG or AVIF file, from 1 to 100.
+    `bits` is 8, 16 or 32 as in `DEPTHS`; None: the first there, but 16 for a uint16 array as PNG or TIFF. Integer
+    formats clip floats to [0, 1].
     """
     path = Path(path)
     if bits is None and array.dtype == np.uint16 and path.suffix.lower() in (".png", ".tif"):
@@ -249,17 +232,15 @@ def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, qual
         output = OpenImageIO.ImageOutput.create(str(partial))
         assert output is not None, f"no writer for {partial.suffix}"
         try:
-            is_open = output.open(str(partial), specs if len(specs) > 1 else specs[0])
+            is_good = output.open(str(partial), specs if len(specs) > 1 else specs[0])
             for index, (part, spec) in enumerate(zip(parts, specs, strict=True)):
-                is_open = is_open and (index == 0 or output.open(str(partial), spec, "AppendSubimage"))
+                is_good = is_good and (index == 0 or output.open(str(partial), spec, "AppendSubimage"))
                 # The writer refuses arrays whose channels are not innermost.
                 samples = np.ascontiguousarray(quantised(part.samples, str(spec.format), path))
-                if not (is_open and output.write_image(samples)):
-                    is_open = False
-                    break
+                is_good = is_good and output.write_image(samples)
         finally:
-            is_open = output.close() and is_open
-        if not is_open:
+            is_good = output.close() and is_good
+        if not is_good:
             raise FileError(f"{path} cannot be written", got=first_line(output.geterror()), remedy="check the disk")
 
 
@@ -269,9 +250,8 @@ def sample_type(path: Path, bits: int | None) -> str:
     kinds = DEPTHS.get(suffix, {}) if writes(suffix) else {}
     kind = next(iter(kinds.values()), None) if bits is None else kinds.get(bits)
     if kind is None:
-        known = ", ".join(f"{each[1:].upper()} of {' or '.join(map(str, DEPTHS[each]))} bits" for each in DEPTHS)
-        got = f"{path.name}, {bits or 'default'} bits, by OpenImageIO {OpenImageIO.VERSION_STRING}"
-        raise InputError(f"{path.name} must be {known}, if OpenImageIO was built with it", got=got)
+        known = ", ".join(f"{each} of {' or '.join(map(str, DEPTHS[each]))} bits" for each in DEPTHS)
+        raise InputError(f"a picture must be {known}", got=f"{path.name}, {bits or 'default'} bits")
     return kind
 
 

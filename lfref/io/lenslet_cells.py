@@ -1,17 +1,14 @@
 """What shows that an image with a lattice is one of lenslets, and of which kind of camera.
 
 Photographs of bricks, tiles, fences and fabric have lattices too. What is different there:
-- No lens and no wall is as straight as an array of lenslets (`lenslet_search` measures that).
 - The image of the pupil is round: the mean of all cells depends on the distance from the centre alone.
 - Lenslets see the scene from several directions, so that there is detail in each (parallax), and the detail of one is
   seen again in the next (repetition). Mosaics and lamps in rows have none, threads and dots of a print their own.
 - Lenslets that are aligned with the pixels need no dark gaps: the direction jumps from the last pixel of one to the
   first of the next (`borders`), while a photograph goes on there as anywhere else.
 
-A focused plenoptic camera (Lumsdaine & Georgiev 2009; Perwass & Wietzke 2012, the Raytrix) has a small sharp picture of
-the scene behind each lenslet. Behind the lenslets of other cameras a scene is never finer than the lenslets: what is
-seen again in the next lenslet has moved by less than the size of its structures.
-
+A focused plenoptic camera (Lumsdaine & Georgiev 2009; Perwass & Wietzke 2012) has a small sharp picture of the scene
+behind each lenslet. Behind others, detail that repeats has moved by less than the size of its structures.
 Letters: `H W` pixel rows and columns, `i j` row and column of a lenslet, `y x` of a pixel.
 """
 

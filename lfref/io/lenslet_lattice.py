@@ -21,13 +21,7 @@ SAME_PITCH = 0.01
 
 @dataclass(frozen=True)
 class Lattice:
-    """Lenslets in rows; those of a hexagonal lattice are half a step further in every other row.
-
-    Example:
-        >>> lattice = upright((14.0, 14.0), (6.5, 6.5), rotation=0.3)
-        >>> lattice.pitch, round(lattice.rotation, 6)
-        ((14.0, 14.0), 0.3)
-    """
+    """Lenslets in rows; those of a hexagonal lattice are half a step further in every other row."""
 
     origin: Pair
     """Centre (y, x) of lenslet (0, 0), in pixels."""
@@ -83,10 +77,7 @@ class Lattice:
         return (row_y / down, row_x / down), (column_y / along, column_x / along)
 
     def within(self, size: tuple[int, int], reach: Pair) -> tuple[range, range]:
-        """Rows and columns of a large block of lenslets, all of them wholly in a picture; empty if there is none.
-
-        `reach` is how far a lenslet extends from its centre along `y` and `x`, in pixels.
-        """
+        """Rows and columns of a block of lenslets that reach so far (y, x) from their centres and lie in a picture."""
         i, j = self.numbers_around(size)
         y, x = self.centres(i[:, None], j[None, :])
         # Twice the distance from the picture's middle; the millionth of a pixel allows for rounding.
@@ -122,20 +113,14 @@ ASPECT = 0.002
 
 
 def n_views(pitch: float) -> int:
-    """Number of views along an axis of a lenslet, for a pitch of at least 2 pixels.
-
-    A whole pitch gives one view per pixel. Another pitch gives the largest odd number below it, so that the middle view
-    looks through the centres of the lenslets.
-    """
+    """Number of views along an axis of a lenslet, for a pitch of at least 2 pixels."""
     whole = math.floor(pitch)
+    # The middle one of an odd number of views looks through the centres of the lenslets.
     return whole if whole == pitch else whole - 1 + whole % 2
 
 
 def sample_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window: tuple[slice, slice]) -> NDArray:
-    """The views of a window of the whole grid: float32, one square pixel per lenslet, [V, U, C, H', W'].
-
-    H' or W' is 0 where no lenslet lies wholly in the image (linear light, [H, W, C]).
-    """
+    """Views in a window of the grid, float32, [V, U, C, H', W'], of linear light [H, W, C]; empty if none fits."""
     reach = (grid[0] - 1) / 2, (grid[1] - 1) / 2
     i, j = (np.array(numbers, dtype=int) for numbers in lattice.within(image.shape[:2], reach))
     y, x = lattice.centres(i[:, None], j[None, :])
@@ -150,10 +135,7 @@ def sample_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window
 
 
 def interpolate(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[np.float32]:
-    """Samples of a picture between its pixels, at rows `y` and columns `x` [I, J], [I, J, C].
-
-    The picture has 1 pixel more above and on the left, 3 below and on the right; `y` and `x` count without them.
-    """
+    """Samples [I, J, C] at rows `y` and columns `x` of a picture, which is padded by 1 pixel before and 3 behind."""
     (top, down), (left, right) = _split(y, padded.shape[0] - 4), _split(x, padded.shape[1] - 4)
     width = padded.shape[1]
     nearby = np.add.outer(np.arange(TAPS) * width, np.arange(TAPS)).ravel()
@@ -188,10 +170,7 @@ def taps(t: NDArray) -> NDArray[np.float32]:
 
 
 def squared(views: NDArray[np.float32], lattice: Lattice, i: NDArray) -> NDArray[np.float32]:
-    """Views with square pixels, [..., I, W'], from views [..., I, J] of the lenslets in rows `i`.
-
-    Each row is resampled so that its pixels are as far apart as the rows.
-    """
+    """Views [..., I, W'], whose pixels are as far apart as the rows, from views [..., I, J] of the lenslet rows `i`."""
     pitch = lattice.pitch
     if not lattice.is_hexagonal and abs(pitch[0] / pitch[1] - 1) < ASPECT:
         return views

@@ -164,11 +164,7 @@ def _fit_phases(white: NDArray, rough: NDArray, phase_error: float) -> tuple[NDA
 
 
 def _fit_plane(tiles: NDArray, rough: NDArray, centres: list[NDArray]) -> tuple[NDArray, float, float]:
-    """Frequency and phase at (0, 0) of a wave, and the root mean square error of the tiles, all in cycles.
-
-    The rough frequency is precise enough for neighbouring tiles (complex amplitudes, [I, J]) to differ by less than
-    half a cycle.
-    """
+    """Frequency and phase at (0, 0) of a wave, and the error of its tiles (complex, [I, J]), all in cycles."""
     y, x = centres[0][:, None], centres[1][None, :]
     # Remove the mean phase step between neighbouring tiles first, so that no phase wraps around in the least squares.
     turned = tiles * np.exp(-2j * math.pi * (rough[0] * y + rough[1] * x))

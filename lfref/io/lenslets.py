@@ -1,9 +1,8 @@
 """Lenslet images as views: ESLF images, whose lenslets are aligned with the pixels, and those of any other lattice.
 
 In an ESLF image every block of 14x14 pixels is one lenslet: view (v, u) of lenslet (y, x) is pixel (14 y + v,
-14 x + u). A lenslet has no central view, since 14 is even. Other lattices are resampled (`lenslet_lattice`): the image
-itself shows them by the dark borders of lenslets, or a white image of the camera does (`lenslet_search`), which also
-evens out the brightness of the views. Photographs and focused cameras are told apart by `lenslet_cells`.
+14 x + u). Other lattices are resampled (`lenslet_lattice`): the image itself shows them by the dark borders of
+lenslets, or a white image of the camera does (`lenslet_search`), which also evens out the brightness of the views.
 Source: the Stanford Lytro light field archive, and Srinivasan et al. 2017 for the window of 7x7 views from 4.
 Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
 """
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfref import encoding as encodings
 from lfref.errors import FileError, InputError
-from lfref.io import images, lenslet_cells, lenslet_lattice, lenslet_search, view_folders
+from lfref.io import images, lenslet_cells, lenslet_lattice, lenslet_search
 from lfref.io.lenslet_lattice import Lattice
 from lfref.io.lenslet_search import FEWEST_LENSLETS, MAX_HEXAGONAL_ROTATION
 from lfref.io.samples import LENSLET, ReadOptions, Samples, split_weight
@@ -34,12 +33,8 @@ DARK = 0.25
 
 def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
     """The chosen views, in the file's own type if lenslets are aligned, else float32."""
-    if view_folders.is_view(path):
-        got, remedy = "one view of a folder of views", f"read {path.parent}"
-        raise FileError(f"{path} must be a whole light field", got=got, remedy=remedy)
     image = images.read_image(path)
-    is_jpeg = images.format_of_head(images.read_head(path)) == "jpeg"
-    if is_jpeg:
+    if images.format_of_head(images.read_head(path)) == "jpeg":
         log.warning("%s: the losses of JPEG mix neighbouring views; read a lossless file if there is one", path)
     if options.describes_lenslets:
         return _resampled_views(path, image, options)
@@ -49,7 +44,7 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
     shown = None if lattice is None or not _is_aligned(lattice, image.shape) else round(lattice.pitch[1])
     if lattice is None or shown is not None or options.lenslet != LENSLET:
         pitch = options.lenslet if has_borders or not steps else shown or lenslet_cells.aligned_pitch(steps)
-        _check_aligned(image, options.lenslet, path, pitch, is_jpeg)
+        _check_aligned(image, options.lenslet, path, pitch)
         keep = options.window((options.lenslet,) * 2, path, options.views or (DEFAULT_VIEWS, DEFAULT_VIEWS))
         colours, weight = split_weight(unpack(image, options.lenslet)[keep], axis=2)
         return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(image)))
@@ -63,11 +58,7 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
 
 
 def _shown_lattice(image: NDArray, path: Path) -> Lattice | None:
-    """The lattice of lenslets that an image [H, W, C] shows by itself.
-
-    Raises:
-        FileError: The lattice is that of something else, or the camera is a focused one.
-    """
+    """The lattice of lenslets that an image [H, W, C] shows; FileError for that of something else."""
     # The middle is enough to see that there is none, which saves seconds for large images.
     side = lenslet_search.MIDDLE
     top, left = (max(0, (length - side) // 2) for length in image.shape[:2])
@@ -86,9 +77,8 @@ def _shown_lattice(image: NDArray, path: Path) -> Lattice | None:
     if cells.are_focused:
         raise _focused(path, lattice)
     if not cells.show_lenslets:
-        got = f"a {lattice.name} pattern of {lattice.pitch[1]:.2f} pixels without parallax"
-        remedy = f"give a light field (a folder of views, for one), or set {option} to read it all the same"
-        raise FileError(f"{path} must be an image of lenslets", got=got, remedy=remedy)
+        remedy = f"give a folder of views, or set {option} to read it"
+        raise FileError(f"{path} must be an image of lenslets", got="a pattern without parallax", remedy=remedy)
     place = f"reader.offset=[{lattice.origin[0]:.2f},{lattice.origin[1]:.2f}] reader.rotation={lattice.rotation:.3f}"
     log.info("%s: lenslets found as by %s %s", path, option, place)
     return lattice
@@ -102,17 +92,16 @@ def _is_aligned(lattice: Lattice, size: tuple[int, ...]) -> bool:
 
 
 def _focused(path: Path, lattice: Lattice) -> FileError:
-    expected = f"{path} must be of a plenoptic camera whose lenslets show the pupil (Lytro, for one)"
-    got = f"one of a focused camera (Raytrix, for one): lenslets of {lattice.pitch[1]:.1f} pixels with pictures"
-    return FileError(expected, got=got, remedy="export views by the maker's tool (RxLive), and read those")
+    got = f"one of a focused camera (Raytrix), lenslets of {lattice.pitch[1]:.1f} pixels with pictures"
+    remedy = "export views by the maker's tool (RxLive), and read those"
+    return FileError(f"{path} must be of a camera whose lenslets show the pupil", got=got, remedy=remedy)
 
 
-def _check_aligned(image: NDArray, lenslet: int, path: Path, pitch: int | None, is_jpeg: bool) -> None:
+def _check_aligned(image: NDArray, lenslet: int, path: Path, pitch: int | None) -> None:
     """Refuse an image [H, W, C] that shows no lenslets of this size, but another pitch or none; small ones pass."""
-    size = min(image.shape[:2])
-    expected, got, remedy = f"{path} must hold aligned lenslets of {lenslet} pixels", "", ""
-    if size < lenslet * (FEWEST_LENSLETS if is_jpeg else 1):
-        got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "give an ESLF image, or a folder of views"
+    size, got, remedy = min(image.shape[:2]), "", f"give a folder of views, or set reader.pitch={lenslet} to read it"
+    if size < lenslet:
+        got = f"{image.shape[0]}x{image.shape[1]} pixels"
     elif lenslet < lenslet_cells.SHORTEST_PITCH or not np.ptp(image):
         return
     elif pitch not in (None, lenslet) and size >= FEWEST_LENSLETS * pitch:
@@ -129,8 +118,7 @@ def _check_aligned(image: NDArray, lenslet: int, path: Path, pitch: int | None, 
         if cells.contrast >= lenslet_cells.CONTRAST and cells.roundness < lenslet_cells.ROUND:
             got = "a picture of something regular"
     if got:
-        read_anyway = f"give a folder of views, for one, or set reader.pitch={lenslet} to read it all the same"
-        raise FileError(expected, got=got, remedy=remedy or read_anyway)
+        raise FileError(f"{path} must hold aligned lenslets of {lenslet} pixels", got=got, remedy=remedy)
 
 
 def _grey(image: NDArray) -> NDArray[np.float32]:
@@ -176,12 +164,7 @@ def _resampled_views(path: Path, image: NDArray, options: ReadOptions, lattice: 
 
 
 def evened(views: NDArray[np.float32], white: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Views as a camera of even brightness records them, and a weight that falls to 0 where white is dark.
-
-    Args:
-        views: Linear light, [V, U, C, H, W].
-        white: The white image in the same places, 1 where it is brightest, as many colours or one.
-    """
+    """Views as a camera of even brightness records them, and a weight that falls to 0 where white is dark."""
     trust = (white.min(axis=2, keepdims=True) / DARK).clip(0, 1)
     return np.divide(views, np.maximum(white, DARK / 10), dtype=np.float32), trust
 
@@ -195,8 +178,7 @@ def _white_image(path: Path, options: ReadOptions, image: NDArray, image_path: P
     level = np.percentile(some, WHITE_PERCENTILE, axis=0)
     if light.shape[:2] != image.shape[:2] or light.shape[2] not in (1, image.shape[2]) or not (level > 0).all():
         expected = f"{path} must be a white image as large as {image_path}, in grey or as many colours"
-        got = f"shape {light.shape} for {image.shape}, level {level.min():g}"
-        raise FileError(expected, got=got, remedy="set reader.white to one of the same camera")
+        raise FileError(expected, got=f"shape {light.shape} for {image.shape}, level {level.min():g}")
     return np.divide(light, level, dtype=np.float32)
 
 

@@ -3,8 +3,7 @@
     samples -> light (black and white level) -> white balance -> divided by the white image -> all colours at each
     pixel -> views on the lattice of lenslets -> linear sRGB (colour matrix)
 
-The record gives the lattice to about a pixel; the white image, or the raw image itself, shows it to hundredths. The
-gamma of the record is left out: views are linear light. `lytro_files` reads the files.
+The record gives the lattice to about a pixel; the white image, or the raw image itself, shows it to hundredths.
 Sources: Malvar, He, Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images", 2004;
 the Light Field Toolbox 0.5 (calibration, read for facts), which also divides before it interpolates colours.
 Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
@@ -25,7 +24,7 @@ from torch.nn import functional as F
 
 from lfref import encoding as encodings
 from lfref.errors import FileError, InputError, first_line
-from lfref.io import atomic, images, lenslet_lattice, lenslet_search, lenslets, lytro_files
+from lfref.io import images, lenslet_lattice, lenslet_search, lenslets, lytro_files
 from lfref.io.lenslet_lattice import Lattice
 from lfref.io.lytro_files import RawImage, Record, unusable
 from lfref.io.samples import ROW_DISTANCES, ReadOptions, Samples
@@ -34,7 +33,7 @@ log = logging.getLogger(__name__)
 
 ENCODINGS = ("file", "linear", "none")
 """Values of the option `encoding` that fit: raw images are linear."""
-WHITE_REMEDY = "set reader.white to its calibration: data.C.*, caldata-*.tar, or a folder of MOD_*.RAW and .TXT"
+WHITE_REMEDY = "set reader.white to the calibration of the camera"
 TAGS = "com.lytro.tags"
 TILINGS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "square"}
 """Tiling of the lenslets in a record -> lattice."""
@@ -53,8 +52,7 @@ COLOURS = {"r": 0, "gr": 1, "gb": 1, "b": 2}
 def decode_raw(path: Path, options: ReadOptions) -> Samples:
     """The chosen views, linear sRGB, with a weight if there is a white image."""
     if options.encoding not in ENCODINGS:
-        remedy = "leave reader.encoding out"
-        raise InputError(f"samples of {path}, a raw image, are linear", got=options.encoding, remedy=remedy)
+        raise InputError(f"encoding of the raw image {path} must be one of {ENCODINGS}", got=options.encoding)
     image = lytro_files.read_raw(path)
     pattern = mosaic(image.record)
     white = _white_light(image, options.white, pattern)
@@ -97,9 +95,10 @@ def _white_light(image: RawImage, path: Path | None, pattern: Mosaic) -> NDArray
     levels = {}
     for (y, x), key in np.ndenumerate(pattern):
         levels[key] = float(np.percentile(light[y::2, x::2][:: max(1, len(light) // 1000)], lenslets.WHITE_PERCENTILE))
-    if mosaic(record) != pattern or not min(levels.values()) > 0:
-        got = f"a black image, or one of the colours {mosaic(record)}"
-        raise FileError(f"{name} must be a white image of the mosaic {pattern}", got=got, remedy=WHITE_REMEDY)
+    if mosaic(record) != pattern or not min(levels.values()) > 0 or light.shape != image.samples.shape:
+        expected = f"{name} must be a white image of the size and mosaic {pattern} of {image.path}"
+        got = f"levels {levels}, size {light.shape}, mosaic {mosaic(record)}"
+        raise FileError(expected, got=got, remedy=WHITE_REMEDY)
     return per_colour(light, pattern, {key: 1 / level for key, level in levels.items()})
 
 
@@ -120,14 +119,15 @@ class _White(NamedTuple):
 
 
 def read_white(path: Path, image: RawImage) -> RawImage:
-    """The white image for a raw image: the file itself, or that of a calibration with the nearest zoom, then focus.
-
-    Serial numbers must agree if both are known.
-    """
+    """The white image for a raw image: the file itself, or that of a calibration with the nearest zoom, then focus."""
     if not path.is_dir() and not _is_archive(path):
         white = lytro_files.read_raw(path)
     else:
-        whites = list(_whites(_calibration_files(path)))
+        try:
+            whites = list(_whites(_calibration_files(path)))
+        except (tarfile.TarError, KeyError, TypeError) as error:
+            raise images.damaged(path, first_line(error)) from error
+        # Serial numbers must agree if both are known.
         own = [one for one in whites if not image.serial or not one.serial or one.serial == image.serial]
         if not own:
             got = f"those of {', '.join(sorted({one.serial for one in whites})) or 'none'}"
@@ -137,9 +137,6 @@ def read_white(path: Path, image: RawImage) -> RawImage:
         name = path / PureWindowsPath(nearest.name).name
         samples = lytro_files.unpacked(nearest.data(), nearest.record, name)
         white = RawImage(name, samples, nearest.record, nearest.serial)
-    if white.samples.shape != image.samples.shape:
-        got = "{}x{} for {}x{}".format(*white.samples.shape, *image.samples.shape)
-        raise FileError(f"{white.path} must be as large as {image.path}", got=got, remedy=WHITE_REMEDY)
     return white
 
 
@@ -157,28 +154,23 @@ def _calibration_files(path: Path) -> dict[str, Callable[[], bytes]]:
         for file in sorted(file for file in path.rglob("*") if file.is_file()):
             name = file.name.lower()
             if name.endswith((lytro_files.BARE, ".txt")):
-                files[str(file)] = partial(lytro_files.read_bytes, file)
+                files[str(file)] = file.read_bytes
             elif (name.endswith(".tar") or ".c." in name) and _is_archive(file):
                 files |= _calibration_files(file)
     elif tarfile.is_tarfile(path):
-        try:
-            with atomic.file_errors(path, "read"), tarfile.open(path) as archive:
-                members = [member for member in archive.getmembers() if member.isfile()]
-        except tarfile.TarError as error:
-            raise images.damaged(path, first_line(error)) from error
+        with tarfile.open(path) as archive:
+            members = [member for member in archive.getmembers() if member.isfile()]
         files |= {member.name: partial(_bytes_of, path, member) for member in members}
     else:
         container = lytro_files.Container.open(path)
-        entries = container.contents.get("files")
-        for entry in entries if isinstance(entries, list) else ():
-            if isinstance(entry, dict) and isinstance(entry.get("name"), str):
-                files[entry["name"]] = partial(container.data, entry.get("dataRef"))
+        for entry in container.contents.get("files"):
+            files[entry["name"]] = partial(container.data, entry["dataRef"])
     return files
 
 
 def _bytes_of(path: Path, member: tarfile.TarInfo) -> bytes:
     """The bytes of a file in a tar file."""
-    with atomic.file_errors(path, "read"), path.open("rb") as file:
+    with path.open("rb") as file:
         file.seek(member.offset_data)
         return file.read(member.size)
 
@@ -215,8 +207,6 @@ def light_of(samples: NDArray[np.uint16], record: Record) -> NDArray[np.float32]
     for (y, x), key in np.ndenumerate(mosaic(record)):
         keys = (*lytro_files.details(record), "pixelFormat")
         black, white = (record.number(*keys, level, key) for level in ("black", "white"))
-        if not white > black:
-            raise unusable(record.path, "a white level above black", f"{white:g} for {black:g}")
         light[y::2, x::2] = (light[y::2, x::2] - black) / (white - black)
     return light
 
@@ -232,10 +222,7 @@ def per_colour(light: NDArray[np.float32], pattern: Mosaic, gains: dict[str, flo
 def balance(record: Record) -> dict[str, float]:
     """Gain of each colour, a key of `COLOURS`, for white balance; the least is 1."""
     gains = {key: record.number("image", "color", "whiteBalanceGain", key) for key in COLOURS}
-    least = min(gains.values())
-    if not least > 0:
-        raise unusable(record.path, "gains of white balance above 0", least)
-    return {key: gain / least for key, gain in gains.items()}
+    return {key: gain / min(gains.values()) for key, gain in gains.items()}
 
 
 def colour_matrix(record: Record) -> NDArray[np.float32]:
@@ -285,8 +272,8 @@ def keep_to_lenslets(
 ) -> None:
     """Interpolate colours [H, W, 3] anew where neighbouring lenslets entered: by the mean of the lenslet's own pixels.
 
-    Neighbours on the other side of a border show the scene from the opposite direction. The mean is that of the eight
-    neighbours, weighted as for linear interpolation; where none of a colour is in the lenslet, nothing changes.
+    Neighbours on the other side of a border show the scene from the opposite direction. Where none of a colour is in
+    the lenslet, nothing changes.
     """
     height, width = light.shape
     for top in range(0, height, BAND):

@@ -3,9 +3,7 @@
 A container (`.lfp`, `.lfr`, `data.C.0`) is a header and sections of data, each with its length and its SHA-1. One
 section is the table of contents, in JSON, which refers to the others by their SHA-1. A raw image needs the JSON record
 of its frame: in the container, or beside a `.raw` file. `lytro` makes views of a raw image.
-
-Sources: lfptools and python-lfp-reader (containers), imageio (packing of samples), all read for facts; containers of
-both versions of Lytro Desktop.
+Sources: lfptools and python-lfp-reader (containers), imageio (packing of samples), all read for facts.
 Letters: `H W` pixel rows and columns, `N` planes.
 """
 
@@ -44,24 +42,15 @@ MAX_DEPTH = 8
 """Deepest nesting of JSON to follow."""
 
 
-def read_bytes(path: Path) -> bytes:
-    """All bytes of a file."""
-    with atomic.file_errors(path, "read"):
-        return path.read_bytes()
-
-
 def unusable(path: Path, what: str, got: object) -> FileError:
     """The error for a file of a camera that does not hold something, or holds it in another form."""
-    remedy = "give a whole raw file of the camera itself (IMG_0001.lfp, .lfr)"
-    return FileError(f"{path} must hold {what}", got=str(got)[:80], remedy=remedy)
+    return FileError(f"{path} must hold {what}", got=str(got)[:80], remedy="give a raw file of the camera (.lfp, .lfr)")
 
 
-@dataclass(frozen=True)
-class Record:
-    """JSON of a file, whose entries are checked when they are used."""
+class Record(NamedTuple):
+    """JSON of a file (its path is for messages), whose entries are checked when they are used."""
 
     path: Path
-    """File for messages."""
     entries: Mapping[str, Any]
 
     @classmethod
@@ -76,12 +65,11 @@ class Record:
     def get(self, *keys: str | int) -> Any:
         """The entry under nested keys; None if there is none."""
         entry: Any = self.entries
-        for key in keys:
-            try:
+        with suppress(KeyError, IndexError, TypeError):
+            for key in keys:
                 entry = entry[key]
-            except (KeyError, IndexError, TypeError):
-                return None
-        return entry
+            return entry
+        return None
 
     def number(self, *keys: str, default: float | None = None) -> float:
         """The finite number under nested keys; the default, if there is one, where there is no entry."""
@@ -115,7 +103,7 @@ class Container:
     contents: Record
     """The table of contents."""
     sections: Mapping[str, tuple[int, int]]
-    """SHA-1, such as `sha1-0a...`, of a section of data -> position and number of its bytes."""
+    """SHA-1, such as `sha1-0a...`, of a section -> position and number of its bytes."""
 
     @classmethod
     def open(cls, path: Path) -> "Container":
@@ -134,7 +122,7 @@ class Container:
                 is_whole = kind in (CONTENTS, DATA) and start + n_bytes <= length
                 end = start + n_bytes + -(start + n_bytes) % PADDING
         if not is_whole or contents is None:
-            raise unusable(path, "a whole container of a Lytro camera", images.described_head(images.read_head(path)))
+            raise unusable(path, "a whole container of a Lytro camera", "another file, or half of one")
         return cls(path, cls(path, Record(path, {}), sections).record(contents), sections)
 
     def holds(self, reference: Any) -> bool:
@@ -173,8 +161,7 @@ class Container:
         return None
 
 
-@dataclass(frozen=True, eq=False)
-class RawImage:
+class RawImage(NamedTuple):
     """The image of a sensor behind its lenslets and its colour mosaic, as recorded."""
 
     path: Path
@@ -189,26 +176,21 @@ class RawImage:
 
 
 def is_raw(path: Path) -> bool:
-    """Whether a file has a raw image of a Lytro camera: a container with one, or a `.raw` file with its JSON.
-
-    Damaged containers count too, so that reading them reports it.
-    """
-    if path.suffix.lower() == BARE or not path.is_file():
-        return path.is_file() and next(_partners(path), None) is not None
-    if not images.read_head(path).startswith(MAGIC):
+    """Whether a file has a raw image of a Lytro camera: a container with one, or a `.raw` file with its JSON."""
+    if path.suffix.lower() == BARE:
+        return next(_partners(path), None) is not None
+    if not path.is_file() or not images.read_head(path).startswith(MAGIC):
         return False
-    try:
+    with suppress(FileError):
         container = Container.open(path)
-    except FileError:
-        return True
-    return container.holds(container.frame.get("imageRef"))
+        return container.holds(container.frame.get("imageRef"))
+    return True  # reading says what is damaged
 
 
 def is_stack(path: Path) -> bool:
     """Whether a file is a container of Lytro's refocused pictures without a raw image."""
     with suppress(FileError):
-        if path.is_file() and images.read_head(path).startswith(MAGIC):
-            return not is_raw(path) and Container.open(path).stack is not None
+        return not is_raw(path) and Container.open(path).stack is not None
     return False
 
 
@@ -218,12 +200,10 @@ def frame_record(path: Path) -> Record:
         container = Container.open(path)
         return container.record(container.frame.get("metadataRef"))
     for partner in _partners(path):
-        whole = Record.parse(partner, read_bytes(partner))
+        whole = Record.parse(partner, partner.read_bytes())
         if (record := next(records(whole.entries, "image", "devices"), None)) is not None:
             return Record(partner, record)
-    raise unusable(
-        path, f"samples with {path.stem}.json, {path.stem}_metadata.json or .TXT beside them", "none of these"
-    )
+    raise unusable(path, f"samples with {path.stem}.json or .TXT beside them", "none of these")
 
 
 def _partners(path: Path) -> Iterator[Path]:
@@ -242,8 +222,8 @@ def read_raw(path: Path) -> RawImage:
     """The raw image of a container, or of a `.raw` file with its JSON; FileError for files for sharing."""
     if path.suffix.lower() == BARE:
         record = frame_record(path)
-        serial = serial_of(Record.parse(partner, read_bytes(partner)) for partner in _partners(path))
-        return RawImage(path, unpacked(read_bytes(path), record, path), record, serial)
+        serial = serial_of(Record.parse(partner, partner.read_bytes()) for partner in _partners(path))
+        return RawImage(path, unpacked(path.read_bytes(), record, path), record, serial)
     container = Container.open(path)
     frame = container.frame
     if not container.holds(frame.get("imageRef")):
@@ -275,9 +255,8 @@ def unpacked(packed: bytes, record: Record, path: Path) -> NDArray[np.uint16]:
     n_samples, n_bytes = PACKINGS.get(packing, (1, 0))
     is_even = min(width, height) >= 6 and height % 2 == 0 and width % n_samples == 0
     if not is_even or len(packed) * n_samples != width * height * n_bytes:
-        raise unusable(
-            path, f"samples of {' or '.join(PACKINGS)}", f"{len(packed)} bytes for {width}x{height} of {packing}"
-        )
+        got = f"{len(packed)} bytes for {width}x{height} of {packing}"
+        raise unusable(path, f"samples of {' or '.join(PACKINGS)}", got)
     groups = np.frombuffer(packed, np.uint8).reshape(height, width // n_samples, n_bytes).astype(np.uint16)
     *high, low = (groups[..., k] for k in range(n_bytes))
     if bits == 12:
@@ -324,8 +303,7 @@ def _decoded_jpeg(data: bytes) -> NDArray[np.uint8]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "picture.jpg")
         file.write_bytes(data)
-        picture = images.read_image(file)
-    return np.repeat(picture, 3, axis=2) if picture.shape[2] == 1 else picture[..., :3]
+        return images.read_image(file)
 
 
 def _decoded_video(data: bytes) -> list[NDArray[np.uint8]]:

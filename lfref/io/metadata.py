@@ -12,15 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from lfref import extras
 from lfref.io import images, lytro_files, view_folders
 
-MAX_SAMPLES = 4096
-"""Most samples of an array in a structure: a larger array is no number, text or short list."""
-MAX_DEPTH = 8
-"""Deepest nesting of structures to follow."""
 MAX_JSON = 2**22
 """Largest JSON file to read, in bytes; thumbnails in base64 make some of them long."""
 PARAMETERS = {
@@ -89,17 +82,15 @@ def _exif(path: Path) -> dict[str, str]:
 def _lytro(path: Path) -> dict[str, str]:
     """Metadata of a Lytro camera: of its own files, a MAT file of the Light Field Toolbox, or JSON beside pictures."""
     frames: Iterator[Mapping[str, Any]] = iter(())
-    files: list[Path] = []
     if path.suffix.lower() == ".mat":
-        frames = lytro_files.records(read_struct(path, "LFMetadata"), "camera", "devices")
-        files = [path.with_suffix(".json")]
+        from scipy import io  # slow to import: only those who read MAT files wait for it
+
+        with suppress(NotImplementedError):  # MATLAB 7.3
+            structure = io.loadmat(path, variable_names=["LFMetadata"], simplify_cells=True)
+            frames = lytro_files.records(structure, "camera", "devices")
     elif lytro_files.is_raw(path):
         frames = iter([lytro_files.frame_record(path).entries])
-    elif path.is_dir():
-        files = sorted(path.glob("*.json"))
-    else:
-        files = [path.with_suffix(".json")]
-    for file in files:
+    for file in sorted(path.glob("*.json")) if path.is_dir() else [path.with_suffix(".json")]:
         if not file.name.startswith(".") and file.is_file() and file.stat().st_size <= MAX_JSON:
             inner = lytro_files.records(json.loads(file.read_text("utf-8")), "camera", "devices")
             frames = itertools.chain(frames, inner)
@@ -109,41 +100,6 @@ def _lytro(path: Path) -> dict[str, str]:
             if value := text(frame):
                 entries[name] = value
     return entries
-
-
-def read_struct(path: Path, name: str) -> Mapping[str, Any]:
-    """The fields of a structure in a MAT file, old (5) or new (7.3), as dictionaries, texts and numbers.
-
-    Damage may raise any error.
-    """
-    with path.open("rb") as file:
-        is_hdf5 = file.read(10) == b"MATLAB 7.3"
-    if not is_hdf5:
-        from scipy import io  # slow to import: only those who read MAT files wait for it
-
-        plain = io.loadmat(path, variable_names=[name], simplify_cells=True).get(name)
-        return plain if isinstance(plain, dict) else {}
-    with extras.needed(path.name):
-        import h5py
-
-    def value(group: Any, key: str, depth: int) -> Any:
-        # Other links may lead to other files, and so may external and virtual arrays.
-        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-            return None
-        item = group[key]
-        if isinstance(item, h5py.Group):
-            return {inner: value(item, inner, depth - 1) for inner in item} if depth else {}
-        if item.external or item.is_virtual or item.size > MAX_SAMPLES:
-            return None
-        array = np.asarray(item[()])
-        if item.attrs.get("MATLAB_class") == b"char":
-            # MATLAB stores a text as the codes of its characters.
-            return "".join(chr(code) for code in array.T.ravel())
-        return array.item() if array.size == 1 else array
-
-    with h5py.File(path, "r") as file:
-        fields = value(file, name, MAX_DEPTH)
-        return fields if isinstance(fields, dict) else {}
 
 
 def _hci(folder: Path) -> dict[str, str]:

@@ -109,7 +109,7 @@ def format_of(path: Path) -> Format:
         if known.name == "lytro" and path.suffix.lower() == lytro_files.BARE:
             return known
     remedy = "convert it, or unpack it if it is an archive"
-    raise FileError(f"{path} must be a light field: {TITLES}", got=images.described_head(head), remedy=remedy)
+    raise FileError(f"{path} must be a light field: {TITLES}", got="another kind of file", remedy=remedy)
 
 
 def is_field(path: Path) -> bool:

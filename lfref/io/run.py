@@ -1,8 +1,4 @@
-"""The run folder of a command, and the files in it; only `lfref train` writes those after the first two.
-
-RUN/config.yaml, overrides.yaml, training.json, checkpoints/best.ckpt, checkpoints/last.ckpt, log/metrics.csv,
-pictures/*.png, wandb_id.txt
-"""
+"""The run folder of a command: config.yaml, overrides.yaml, and what `lfref train` writes (training.json, ...)."""
 
 import csv
 import json
@@ -60,11 +56,6 @@ class Run:
         return (self.folder / OVERRIDES).is_file()
 
     @property
-    def title(self) -> str:
-        """The overrides of the command line in one line; the name where no file holds them."""
-        return " ".join(self.overrides) if self.has_begun else self.name
-
-    @property
     def overrides(self) -> list[str]:
         """The overrides of the command line, one `key=value` an entry."""
         return [str(override) for override in _read_yaml(self.folder / OVERRIDES)]
@@ -78,13 +69,14 @@ class Run:
     @property
     def best(self) -> Path:
         """Checkpoint with the best validation."""
-        return self._checkpoint("best")
+        return self._checkpoint("best.ckpt")
 
     @property
     def last(self) -> Path:
         """The newest checkpoint."""
         # A run that is killed at its first checkpoints may have only the best one, which is written before the last.
-        return self._checkpoint("last", "best")
+        is_there = (self.folder / CHECKPOINTS / "last.ckpt").is_file()
+        return self._checkpoint("last.ckpt" if is_there else "best.ckpt")
 
     @property
     def has_checkpoints(self) -> bool:
@@ -96,7 +88,8 @@ class Run:
         """The rows that training logged, in order; empty cells are None."""
         path = self.folder / METRICS
         with atomic.file_errors(path, "read"), path.open(newline="", encoding="utf-8") as file:
-            rows = [row for row in csv.DictReader(file) if None not in row and None not in row.values()]
+            # A killed training may have cut off its last line.
+            rows = [row for row in csv.DictReader(file) if None not in row.values()]
         # A training that went on from a checkpoint has logged the steps after it twice.
         kept: list[dict[str, float | None]] = []
         first = math.inf
@@ -109,21 +102,14 @@ class Run:
         return kept[::-1]
 
     @property
-    def pictures(self) -> list[Path]:
-        """Pictures of the held-out patch, one an epoch, in order."""
-        return sorted((self.folder / PICTURES).glob("*.png"))
-
-    @property
     def is_finished(self) -> bool:
         """Whether training reached its end."""
         return bool(self.training.get("is_finished"))
 
-    def _checkpoint(self, *names: str) -> Path:
-        paths = [self.folder / CHECKPOINTS / f"{name}.ckpt" for name in names]
-        for path in paths:
-            if path.is_file():
-                return path
-        raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{names[0]}.ckpt", got="none")
+    def _checkpoint(self, name: str) -> Path:
+        if not (self.folder / CHECKPOINTS / name).is_file():
+            raise CheckpointError(f"run {self.name} must have {CHECKPOINTS}/{name}", got="none")
+        return self.folder / CHECKPOINTS / name
 
 
 def key_of(override: str) -> str:

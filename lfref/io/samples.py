@@ -29,8 +29,6 @@ ROW_DISTANCES = {"square": 1.0, "hexagonal": math.sqrt(3) / 2}
 """Lattice -> distance between its rows, in distances between neighbours of a row."""
 SHORTEST_PITCH = 2.0
 """Shortest pitch, in pixels: one for each of two views."""
-ROW_RATIO = 1.5
-"""Difference of a view from the one below, over that from the next one, above which pictures count as one row."""
 FEWEST_HOLES = 4
 """Fewest missing views that may be intended: the smallest such grids lack four corners, or four views of 3x3."""
 
@@ -154,28 +152,23 @@ def cell_of(number: int, n_columns: int, is_serpentine: bool = False) -> Cell:
     return row, n_columns - 1 - column if is_serpentine and row % 2 else column
 
 
-def check_holes(
-    cells: Iterable[Cell], shape: Cell, name_of: Callable[[Cell], str], path: Path, allowed: bool | None
-) -> None:
+def check_holes(cells: Iterable[Cell], shape: Cell, path: Path, allowed: bool | None) -> None:
     """Refuse a grid whose views are missing by accident, unless holes are `allowed`; None: if they seem intended.
 
     Crosses, diagonals and grids without corners are intended: they are the same after half a turn, and an incomplete
-    copy hardly ever is. `name_of` gives the name that the view at a cell should have.
+    copy hardly ever is.
     """
     (rows, columns), present = shape, set(cells)
     n_holes = rows * columns - len(present)
     # A stray file name may imply billions of views.
     is_plausible = max(shape) <= 4 * len(present)
-    is_on_purpose = n_holes >= FEWEST_HOLES and present == {
-        (rows - 1 - row, columns - 1 - column) for row, column in present
-    }
-    if not n_holes or (is_plausible and (allowed or (allowed is None and is_on_purpose))):
-        return
-    first = next((row, column) for row in range(rows) for column in range(columns) if (row, column) not in present)
-    got = f"no {name_of(first)} ({n_holes} of {rows * columns} missing)"
-    raise FileError(
-        f"{path} must hold a view for each row and column", got=got, remedy="add them, or set reader.holes=true"
-    )
+    turned = {(rows - 1 - row, columns - 1 - column) for row, column in present}
+    is_on_purpose = n_holes >= FEWEST_HOLES and present == turned
+    if n_holes and not (is_plausible and (allowed or (allowed is None and is_on_purpose))):
+        row, column = next(divmod(n, columns) for n in range(rows * columns) if divmod(n, columns) not in present)
+        expected = f"{path} must hold a view for each row and column"
+        got = f"none in row {row}, column {column} ({n_holes} of {rows * columns} missing)"
+        raise FileError(expected, got=got, remedy="add them, or set reader.holes=true")
 
 
 def gather(
@@ -186,41 +179,28 @@ def gather(
     A missing view has weight 0, and holds the mean of the others.
     """
     shape = window[0].stop - window[0].start, window[1].stop - window[1].start
-    present = {
-        (row, column): cells[row + window[0].start, column + window[1].start]
-        for row, column in np.ndindex(shape)
-        if (row + window[0].start, column + window[1].start) in cells
-    }
-    if not present:
-        raise FileError(f"the {shape[0]}x{shape[1]} views to keep must be there", got="none", remedy="set reader.views")
-    whole: NDArray | None = None
-    for cell, source in present.items():
+    is_present = np.zeros(shape, bool)
+    whole = np.zeros(0)
+    for row, column in np.ndindex(shape):
+        if (source := cells.get((row + window[0].start, column + window[1].start))) is None:
+            continue
         view = load(source)
-        if whole is None:
+        if not is_present.any():
             whole = np.zeros((*shape, *view.shape), view.dtype)
         if (view.shape, view.dtype) != (whole.shape[2:], whole.dtype):
-            kinds = [
-                f"{of[0]}x{of[1]}, {of[2]} channels, {kind}"
-                for of, kind in ((whole.shape[2:], whole.dtype), (view.shape, view.dtype))
-            ]
-            raise FileError(
-                f"{source} must be {kinds[0]} as the views before it", got=kinds[1], remedy="all views must be alike"
-            )
-        whole[cell] = view
-    assert whole is not None, "a window without views was refused"
+            got = f"{view.shape} of {view.dtype} after {whole.shape[2:]} of {whole.dtype}"
+            raise FileError(f"{source} must be like the views before it", got=got, remedy="all views must be alike")
+        whole[row, column], is_present[row, column] = view, True
+    if not is_present.any():
+        raise FileError(f"the {shape[0]}x{shape[1]} views to keep must be there", got="none", remedy="set reader.views")
     colours, weight = split_weight(whole.transpose(0, 1, 4, 2, 3), axis=2)
-    if len(present) < shape[0] * shape[1]:
-        is_present = np.zeros((*shape, 1, 1, 1), bool)
-        is_present[tuple(zip(*present, strict=True))] = True
-        full = np.iinfo(colours.dtype).max if colours.dtype.kind == "u" else 1
-        weight = (
-            np.where(is_present, full, 0).astype(colours.dtype) * np.ones_like(colours[:, :, :1])
-            if weight is None
-            else weight
-        )
+    if not is_present.all():
+        if weight is None:
+            weight = np.zeros_like(colours[:, :, :1])
+            weight[is_present] = np.iinfo(colours.dtype).max if colours.dtype.kind == "u" else 1
         # Results exclude the mean by its weight 0; it only keeps black from divisions and from filters without weights.
-        mean = colours[is_present[..., 0, 0, 0]].mean(axis=0, dtype=np.float64)
-        colours[~is_present[..., 0, 0, 0]] = np.rint(mean) if colours.dtype.kind == "u" else mean
+        mean = colours[is_present].mean(axis=0, dtype=np.float64)
+        colours[~is_present] = np.rint(mean) if colours.dtype.kind == "u" else mean
     return colours, weight
 
 
@@ -235,8 +215,5 @@ def check_memory(n_bytes: float, what: str) -> None:
         used = int((folder / "memory.current").read_text())
         limit = min(limit, int((folder / "memory.max").read_text()) - used)
     if n_bytes > limit:
-        got, remedy = (
-            f"{n_bytes / 1e9:.1f} GB for {limit / 1e9:.1f} GB",
-            "give reader.views or reader.size to read less",
-        )
-        raise InputError(f"{what} must fit into memory", got=got, remedy=remedy)
+        got = f"{n_bytes / 1e9:.1f} GB for {limit / 1e9:.1f} GB"
+        raise InputError(f"{what} must fit into memory", got=got, remedy="set reader.views or reader.size")

@@ -1,26 +1,24 @@
 """Folders of sub-aperture views: names -> arrangement on the grid -> decoding; and writing such folders.
 
-`view_names` has the names. Pictures with plain numbers (`000.png`) are views of a square grid, row by row, if number,
-size and contents allow it. Other pictures of the folder are left out, and named in the log.
+`view_names` has the names. Pictures with plain numbers (`000.png`) are views of a square grid, row by row, if number
+and size allow it. Other pictures of the folder are left out, and named in the log.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
 import logging
 import math
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfref.errors import FileError, InputError, LfrefError, counted
+from lfref.errors import FileError, InputError, counted
 from lfref.io import atomic, images, samples
 from lfref.io.samples import Cell, ReadOptions, Samples
-from lfref.io.view_names import NamedFile, compiled, fields_of, fitting_option, groups_of, numbered_fields
+from lfref.io.view_names import NamedFile, compiled, fields_of, groups_of, numbered_fields
 
 log = logging.getLogger(__name__)
 
@@ -41,25 +39,8 @@ def _looks_like_views(field: list[NamedFile]) -> bool:
     numbers = {int(file.match["index"]) for file in field}
     if len(numbers) < len(field) or len(numbers) < FEWEST_NUMBERED:
         return False
-    if square(min(numbers), max(numbers), len(numbers)) is None:
-        # One picture of another size, such as a preview, may be among them.
-        alike = _alike(field)
-        return len(alike) == len(field) - 1 and _looks_like_views(alike)
-    return min(images.image_size(field[0].path)) < LARGEST_NUMBERED
-
-
-def _alike(field: list[NamedFile]) -> list[NamedFile]:
-    """The files whose pictures have the size that most have."""
-
-    def size(file: NamedFile) -> tuple[int, int] | None:
-        try:
-            return images.image_size(file.path)
-        except FileError:
-            return None
-
-    sizes = [size(file) for file in field]
-    ((usual, _),) = Counter(sizes).most_common(1)
-    return [file for file, own in zip(field, sizes, strict=True) if own == usual]
+    is_square = square(min(numbers), max(numbers), len(numbers)) is not None
+    return is_square and min(images.image_size(field[0].path)) < LARGEST_NUMBERED
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -75,25 +56,8 @@ def is_field(folder: Path) -> bool:
     return bool(fields_of(files)) or any(map(_looks_like_views, numbered_fields(files)))
 
 
-def is_view(path: Path) -> bool:
-    """Whether a file is named like a view, unambiguously, and has others beside it."""
-    fields = fields_of(image_files(path.parent))
-    return any(len(field) > 1 and path in [file.path for file in field] for field in fields)
-
-
-class Arrangement(NamedTuple):
-    """Places of a light field's files on the grid."""
-
-    cells: dict[Cell, NamedFile]
-    """File at each row and column from 0."""
-    shape: Cell
-    """Rows and columns of the grid; some views may be missing."""
-    name_of: Callable[[Cell], str]
-    """Name that the file at a row and column should have."""
-
-
-def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arrangement:
-    """Places on the grid of files of one pattern, by the options `pattern` and `grid`."""
+def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> tuple[dict[Cell, NamedFile], Cell]:
+    """The file at each row and column, and the shape of the grid, of files of one pattern."""
     groups = groups_of(field[0].match.re)
     try:
         numbers = [tuple(int(file.match[group]) for group in groups) for file in field]
@@ -106,13 +70,8 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arran
     if groups == ["index"]:
         shape, base = _square_or_option(folder, field, [index for (index,) in numbered], options.grid)
         is_serpentine = options.pattern == "serpentine"
-        cells = {samples.cell_of(index - base, shape[1], is_serpentine): file for (index,), file in numbered.items()}
-
-        def name_of_index(cell: Cell) -> str:
-            column = shape[1] - 1 - cell[1] if is_serpentine and cell[0] % 2 else cell[1]
-            return field[0].renamed({"index": base + shape[1] * cell[0] + column})
-
-        return Arrangement(cells, shape, name_of_index)
+        places = (samples.cell_of(index - base, shape[1], is_serpentine) for (index,) in numbered)
+        return dict(zip(places, numbered.values(), strict=True)), shape
 
     # `cam_1_01` to `cam_1_81` may be one row of 81 views, or 9x9 numbered views of camera 1. Names are ambiguous
     # unless the numbers of row and column have equally many digits.
@@ -126,11 +85,7 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> Arran
     top, left = min(row for row, _ in numbered), min(column for _, column in numbered)
     step = math.gcd(*(number for row, column in numbered for number in (row - top, column - left))) or 1
     cells = {((row - top) // step, (column - left) // step): file for (row, column), file in numbered.items()}
-
-    def name_of(cell: Cell) -> str:
-        return field[0].renamed({"row": top + step * cell[0], "column": left + step * cell[1]})
-
-    return Arrangement(cells, samples.extent(cells), name_of)
+    return cells, samples.extent(cells)
 
 
 def _square_or_option(
@@ -143,27 +98,19 @@ def _square_or_option(
         return (side, side), base
     n_views = 0 if shape is None else math.prod(shape)
     base = first if last - first + 1 == n_views else min(first, 1)
-    if shape is not None and min(shape) >= 1 and last - base < n_views:
+    if shape is not None and last - base < n_views:
         return shape, base
-    present = set(numbers)
-    absent = next((index for index in range(first, last + 2) if index not in present), first)
     expected = f"{folder} must hold a square number of views, or those of reader.grid, numbered row by row"
-    got = f"{counted(count, 'view')} numbered {first} to {last}, no {field[0].renamed({'index': absent})}"
+    got = f"{counted(count, 'view')} like {field[0].path.name}, numbered {first} to {last}"
     raise FileError(expected, got=got, remedy="add the missing views, or set reader.grid=[rows,columns]")
 
 
 def square(first: int, last: int, count: int) -> tuple[int, int] | None:
-    """The square grid of views that are numbered through from 0 or 1, or from any number without holes.
-
-    Holes of a grid are usually symmetric about its middle. Then first + last = 2 base + side^2 - 1, where `base`, 0 or
-    1, is the number at which a grid without holes begins. Only one base fits, since no two squares differ by 2.
-
-    Returns:
-        Number of rows (and of columns), and the number of the first view; None if there is no such grid.
-    """
+    """Side and first number of a square grid, numbered from 0 or 1 with holes, or from any number; None if none."""
     side = math.isqrt(count)
     if side**2 == count == last - first + 1:
         return side, first
+    # Holes are usually symmetric about the middle: first + last = 2 base + side^2 - 1. Only one base fits.
     for base in (0, 1):
         side = math.isqrt(max(0, first + last - 2 * base) + 1)
         if side**2 - 1 == first + last - 2 * base and count < side**2:
@@ -173,13 +120,10 @@ def square(first: int, last: int, count: int) -> tuple[int, int] | None:
 
 def decode_folder(folder: Path, options: ReadOptions) -> Samples:
     """The chosen views of a folder."""
-    cells, shape, name_of = _arranged(folder, options)
+    cells, shape = arrange(folder, _only_field(folder, options.pattern), options)
     paths = {cell: file.path for cell, file in cells.items()}
-    samples.check_holes(paths, shape, name_of, folder, options.holes)
-    if options.pattern is None and options.grid is None:
-        _check_square(folder, paths, shape)
-    views = set(paths.values())
-    if others := [path for path in image_files(folder) if path not in views]:
+    samples.check_holes(paths, shape, folder, options.holes)
+    if others := sorted({*image_files(folder)} - {*paths.values()}):
         log.info("%s: left out, since they are no views: %s", folder, first_names(others))
     colours, weight = samples.gather(paths, options.window(shape, folder), images.read_image)
     tone = images.encoding_of(next(iter(paths.values())), options.encoding, images.usual_encoding(colours))
@@ -190,17 +134,6 @@ def first_names(paths: Sequence[Path]) -> str:
     """The names of at most `N_NAMED` files for the log, and how many more there are."""
     names = ", ".join(path.name for path in paths[:N_NAMED])
     return f"{names} and {len(paths) - N_NAMED} more" if len(paths) > N_NAMED else names
-
-
-def _arranged(folder: Path, options: ReadOptions) -> Arrangement:
-    """The arrangement of the only light field in a folder, without pictures of another size if the rest is a grid."""
-    field = _only_field(folder, options.pattern)
-    for files in (pick(field) for pick in (list, _alike)):
-        with suppress(LfrefError):
-            arrangement = arrange(folder, files, options)
-            if len(arrangement.cells) == math.prod(arrangement.shape):
-                return arrangement
-    return arrange(folder, field, options)
 
 
 def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
@@ -214,46 +147,25 @@ def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
         fields = [field for field in named if len(field) > 1]
         fields = fields or [field for field in numbered_fields(files) if _looks_like_views(field)] or named
     if len(fields) != 1:
-        option = fitting_option(files, files) or (fields and fitting_option([file.path for file in fields[0]], files))
         names = [field[0].path.name for field in fields[:2]] or [path.name for path in files[:1]] or ["none"]
         got = f"{counted(len(files), 'image')} named like {' and '.join(names)}"
-        remedy = "set reader.pattern: index (row by row), or a regular expression with groups row and column"
+        remedy = r"""set reader.pattern: index (row by row), or 'reader.pattern="(?P<row>\d+)at(?P<column>\d+)"'"""
         expected = f"{folder} must hold the views of one light field, whose names say their rows and columns"
-        raise FileError(expected, got=got, remedy=f"set {option}" if option else remedy)
+        raise FileError(expected, got=got, remedy=remedy)
     return fields[0]
-
-
-def _check_square(folder: Path, stored: dict[Cell, Path], shape: Cell) -> None:
-    """Refuse a row of pictures, such as those of a moving camera, that seems a square grid because of its number.
-
-    The next picture after the last view of a grid's row is the first view of the row below, which is far away: the view
-    right below differs less. In a single row of pictures, the next picture differs less.
-    """
-    n_rows, n_columns = shape
-    cells = (n_rows // 2 - 1, n_columns - 1), (n_rows // 2, 0), (n_rows // 2, n_columns - 1)
-    paths = [stored.get(cell) for cell in cells]
-    if None in paths or fields_of(stored.values()):
-        return
-    last, first_below, last_below = (images.read_image(path).astype(np.float32) for path in paths if path)
-    if not last.shape == first_below.shape == last_below.shape:
-        return  # `gather` names the view that is unlike the others
-    if np.abs(last_below - last).mean() > samples.ROW_RATIO * np.abs(first_below - last).mean():
-        got, n_views = f"{len(stored)} pictures that look like one row", len(stored)
-        remedy = f"set reader.pattern=index and reader.grid=[1,{n_views}], or reader.grid=[{n_rows},{n_columns}]"
-        raise FileError(f"{folder} must hold a square grid of views, row by row", got=got, remedy=remedy)
 
 
 def positions_in_names(folder: Path, options: ReadOptions) -> NDArray[np.float64]:
     """Camera positions (v, u) of the chosen views by their names, in the names' own unit, NaN at holes, [V, U, 2]."""
-    arrangement = _arranged(folder, options)
-    positions = np.full((*arrangement.shape, 2), np.nan)
-    for cell, file in arrangement.cells.items():
+    cells, shape = arrange(folder, _only_field(folder, options.pattern), options)
+    positions = np.full((*shape, 2), np.nan)
+    for cell, file in cells.items():
         groups = file.match.groupdict()
         if "v" not in groups or "u" not in groups:
             remedy = "give a CSV or JSON file as reader.positions"
             raise FileError(f"{file.path} must be named NAME_RR_CC_Y_X for positions=names", remedy=remedy)
         positions[cell] = float(groups["v"]), float(groups["u"])
-    return positions[options.window(arrangement.shape, folder)]
+    return positions[options.window(shape, folder)]
 
 
 def write_views(path: Path, views: NDArray, bits: int | None = None) -> None:

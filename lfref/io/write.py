@@ -13,7 +13,7 @@ from torch import Tensor
 
 from lfref import encoding as encodings
 from lfref.encoding import Encoding
-from lfref.errors import FileError, InputError, counted
+from lfref.errors import FileError, InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import exr, images, view_folders
 from lfref.lightfield import LightField
@@ -23,7 +23,7 @@ SUFFIXES = ("", ".exr")
 
 
 def write(path: str | Path, field: LightField, *, bits: int | None = None, overwrite: bool = False) -> Path:
-    """Write a light field so that `read` gives it back, exact up to the rounding to these bits.
+    """Write a light field so that `read` gives it back, exact up to the rounding to these bits; returns the path.
 
     Samples that are no light (`is_linear` false) are kept as they are: read them with `encoding="none"`.
 
@@ -31,17 +31,9 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None, overw
         path: A name with the suffix `.exr` for a multi-part EXR file; a name without suffix for a folder of PNG images
             named `NAME_RR_CC.png`, row and column from 0. PNG images are encoded for a screen (sRGB) if the light field
             is linear, and clipped to [0, 1]. The weight is the last channel.
-        field: The light field, C 1 or 3. Its name is not kept: `read` names a light field after its path.
+        field: The light field, C 1 or 3, on an even grid. Its name is not kept: `read` names it after its path.
         bits: Bits per sample: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
         overwrite: Write over files of equal names; other files in a folder stay.
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError: Views hold NaN or infinity, cameras stand at positions of their own, or the suffix, depth or number
-            of channels cannot be written.
-        FileError: The disk refuses, or the path exists.
 
     Example:
         >>> field = lfref.LightField(torch.rand(3, 3, 3, 24, 32))
@@ -52,8 +44,7 @@ def write(path: str | Path, field: LightField, *, bits: int | None = None, overw
     path, views = Path(path), field.views
     _check(path, views, overwrite)
     if field.positions is not None:
-        remedy = "write it without positions, and read it with positions=FILE or spacing=[ROWS,COLUMNS]"
-        raise InputError("only views of an even grid can be written", got="positions of cameras", remedy=remedy)
+        raise InputError("only views of an even grid can be written", got="positions of cameras")
     # A folder consists of pictures, which are encoded.
     samples = views if path.suffix else field.picture_encoding.encode(views)
     if field.weight is not None:
@@ -72,16 +63,9 @@ def write_stack(
     encoding: Encoding = encodings.SRGB,
     overwrite: bool = False,
 ) -> Path:
-    """Write a refocused stack; returns the path.
+    """Write a refocused stack [N, C, H, W], C 1 or 3, as EXR, which `read_stack` reads, or as a folder of pictures.
 
-    Args:
-        path: A name with the suffix `.exr` for a multi-part EXR file, which `read_stack` reads; a name without suffix
-            for a folder of PNG images named `plane_00_slope_-7_alpha_0.125.png`, which are clipped to [0, 1].
-        stack: Refocused images, floating point, [N, C, H, W] with C 1 or 3.
-        planes: The N planes.
-        bits: Bits per sample: 8 (default) or 16 for a folder; 32 (default) or 16 (half) for EXR.
-        encoding: Encoding of pictures; EXR files hold the stack as it is.
-        overwrite: Write over files of equal names; without it, FileError if the path exists.
+    Arguments are those of `write` and `write_pictures`; EXR files hold the stack as it is.
     """
     path = Path(path)
     _check(path, stack, overwrite)
@@ -102,11 +86,7 @@ def write_pictures(
     bits: int | None = None,
     quality: int = images.QUALITY,
 ) -> Path:
-    """Write the planes of a stack as pictures [C, H, W], encoded for the screen, into a folder; returns the path.
-
-    Files are named `plane_00_slope_-7_alpha_0.125.png`, without alpha if the slope has none. `suffix`, `bits` and
-    `quality` are as in `images.write_image`.
-    """
+    """Write pictures [C, H, W], encoded for the screen, into a folder as `plane_00_slope_-7_alpha_0.125.png`."""
     names = (re.sub(r"[, ]+", "_", title) for title in planes.titles)
     files = (f"plane_{n:02d}_{name}{suffix}" for n, name in enumerate(names))
     view_folders.write_images(Path(path), zip(files, pictures, strict=True), bits, quality)
@@ -118,4 +98,4 @@ def _check(path: Path, light: Tensor, overwrite: bool) -> None:
         raise FileError(f"{path} must be new", got="one that is there", remedy="choose another, or overwrite=True")
     if path.suffix.lower() not in SUFFIXES or light.shape[-3] not in (1, 3):
         expected = f"{path} must end in .exr, or have no suffix for a folder, and get 1 or 3 channels"
-        raise InputError(expected, got=counted(light.shape[-3], "channel"))
+        raise InputError(expected, got=light.shape[-3])

@@ -12,18 +12,16 @@ import lfref
 from lfref.errors import LfrefError
 from lfref.io import tensor_files
 from lfref.nets import checkpoint
-from lfref.nets.refnet import RefNet
 from lfref.refocuser import networks
 from tests.conftest import ROOT
 from tests.export import cases
 
 
-def refused(path, part=""):
-    """The refusal of a file, which is one line that contains a text."""
+def refused(path):
+    """The refusal of a file, which is one line."""
     with pytest.raises(LfrefError) as caught:
         lfref.load(path)
     assert "\n" not in str(caught.value)
-    assert part in str(caught.value)
 
 
 class Bomb:
@@ -38,7 +36,7 @@ class Bomb:
 
 def test_a_pickle_of_a_checkpoint_is_never_unpickled(tmp_path):
     torch.save({"lfref": {}, "state_dict": Bomb(tmp_path / "made")}, tmp_path / "net.ckpt")
-    refused(tmp_path / "net.ckpt", "damaged or no checkpoint")
+    refused(tmp_path / "net.ckpt")
     assert not (tmp_path / "made").exists()
 
 
@@ -47,7 +45,7 @@ def test_damaged_checkpoints_are_one_line(tmp_path):
     whole = path.read_bytes()
     for content in (whole[: len(whole) // 2], whole[:-30], b"", whole[:100] + whole[200:]):
         path.write_bytes(content)
-        refused(path, "damaged or no checkpoint")
+        refused(path)
 
 
 def save_checkpoint(path, change=lambda state: None, **arguments):
@@ -60,16 +58,13 @@ def save_checkpoint(path, change=lambda state: None, **arguments):
     tensor_files.write_checkpoint(path, {"lfref": entry, "state_dict": state})
 
 
-@pytest.mark.filterwarnings("ignore:torch.quantize_per")
 @pytest.mark.parametrize(
     "weight",
     [
         lambda value: value * float("nan"),
         lambda value: value.index_fill(0, torch.tensor([1]), float("inf")),
-        lambda value: value.to(torch.complex64),
         lambda value: value.to(torch.int64),
         lambda value: value.to_sparse(),
-        lambda value: torch.quantize_per_tensor(value, 0.1, 0, torch.qint8),
         lambda value: value.to("meta"),
         lambda value: torch.zeros(1).expand(value.shape),
         lambda value: {"a": 1},
@@ -80,21 +75,16 @@ def test_weights_that_are_no_plain_finite_numbers_are_refused(tmp_path, weight):
         state["net.trunk.0.weight"] = weight(state["net.trunk.0.weight"])
 
     save_checkpoint(tmp_path / "net.ckpt", change)
-    refused(tmp_path / "net.ckpt", "net.ckpt")
+    refused(tmp_path / "net.ckpt")
 
 
 HUGE = [
     {"widths": [3000] * 300},
-    {"widths": [3000] * 7},
     {"widths": [2] * 10**6},
     {"n_blocks": 10**9},
-    {"grid": [10**6, 10**6]},
     {"grid": [10**12, 10**12]},
-    {"stem_kernel": 10**6 + 1},
     {"kernel": 10**9 + 1},
     {"stem_width": 10**9},
-    {"shuffle": 10**6},
-    {"n_planes": 10**12},
     {"channels": 2**62},
 ]
 
@@ -102,11 +92,6 @@ HUGE = [
 def test_a_configuration_that_asks_for_memory_is_refused_without_it(tmp_path):
     for number, arguments in enumerate(HUGE):
         save_checkpoint(tmp_path / f"{number}.ckpt", **arguments)
-    # Weights as large as the configuration says, all of which are views of one number.
-    with torch.device("meta"):
-        shapes = {name: value.shape for name, value in RefNet(3, cases.GRID, widths=[3000] * 300).state_dict().items()}
-    views = {checkpoint.PREFIX + name: torch.zeros(1).expand(shape) for name, shape in shapes.items()}
-    save_checkpoint(tmp_path / "views.ckpt", lambda state: state.update(views), widths=[3000] * 300, stem_width=192)
     program = """
 import pathlib, resource, sys, lfref
 paths = sorted(pathlib.Path(sys.argv[1]).glob("*.ckpt"))
@@ -127,7 +112,7 @@ print(len(paths), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
     )
     assert done.returncode == 0, done.stderr
     number, kilobytes = map(int, done.stdout.split())
-    assert number == len(HUGE) + 1
+    assert number == len(HUGE)
     assert kilobytes < 200_000
 
 
@@ -145,15 +130,9 @@ def save_refiner(path, options=(), **arguments):
     "arguments",
     [
         {"n_features": 10**12},
-        {"width": 10**9},
         {"n_blocks": 10**9},
-        {"shuffle": 10**6},
-        {"kernel": 10**9 + 1},
-        {"channels": 2**62},
         {"options": {"n_layers": 101}},
         {"options": {"fill": 1e9}},
-        {"options": {"ridge": float("nan")}},
-        {"options": {"disparities": [0.0, -101.0]}},
         {"options": {"out": {}}},
     ],
 )
@@ -162,9 +141,3 @@ def test_a_refiner_that_asks_for_memory_is_refused(tmp_path, arguments):
     assert isinstance(lfref.load(tmp_path / "net.ckpt"), networks.RefinedRefocuser)
     save_refiner(tmp_path / "net.ckpt", **arguments)
     refused(tmp_path / "net.ckpt")
-
-
-def test_a_dilation_beyond_the_picture_is_refused(tmp_path):
-    save_checkpoint(tmp_path / "net.ckpt", dilation=10**6)
-    with pytest.raises(LfrefError, match="no farther than the picture"):
-        lfref.load(tmp_path / "net.ckpt")(cases.FIELDS[1])

@@ -44,11 +44,6 @@ def members(session, command="") -> list[int]:
     return [int(line.split()[0]) for line in lines if "Z" not in line.split()[1] and command in line]
 
 
-def second_processes(process) -> list[int]:
-    """The processes that a training has started for itself; it also asks Git for its commit in a short one."""
-    return members(process.pid, "lfref/cli/train.py")
-
-
 @pytest.fixture(autouse=True)
 def no_process_is_left():
     """A test that fails leaves nothing that slows the others down."""
@@ -91,7 +86,7 @@ def test_two_processes_stop_together_and_resume_to_the_bit(tmp_path):
 @pytest.mark.parametrize("victim", ["the first", "the second"])
 def test_when_one_process_is_killed_the_other_ends(tmp_path, victim):
     process = training(tmp_path / "run")
-    (other,) = second_processes(process)
+    (other,) = members(process.pid, "lfref/cli/train.py")
     os.kill(process.pid if victim == "the first" else other, signal.SIGKILL)
     process.communicate(timeout=LIMIT_S)
     start_s = time.monotonic()
@@ -99,29 +94,3 @@ def test_when_one_process_is_killed_the_other_ends(tmp_path, victim):
         time.sleep(0.1)
     assert members(process.pid) == []
     assert process.returncode != 0
-
-
-def start_task(rank, *words) -> subprocess.Popen:
-    """One of two tasks, as `srun` starts them."""
-    job = {"JOB_ID": "7", "JOB_NAME": "train", "NTASKS": "2", "NTASKS_PER_NODE": "2", "NODEID": "0"}
-    task = {"PROCID": str(rank), "LOCALID": str(rank), "NODELIST": "localhost", "JOB_NODELIST": "localhost"}
-    return start(*words, environment=os.environ | {f"SLURM_{name}": value for name, value in (job | task).items()})
-
-
-def test_the_tasks_of_a_slurm_job_stop_when_it_is_preempted_and_the_same_command_goes_on(tmp_path):
-    run = tmp_path / "run"
-    words = (*TRAINING, f"output={run}", "resume=auto")
-    tasks = [start_task(rank, *words) for rank in (1, 0)]  # the further one is not waited for
-    while not (run / "checkpoints" / "last.ckpt").exists():
-        assert all(task.poll() is None for task in tasks), [task.stderr.read() for task in tasks if task.poll()]
-        time.sleep(0.05)
-    for task in tasks:
-        task.terminate()
-    errors = [task.communicate(timeout=LIMIT_S)[1] for task in tasks]
-    assert [task.returncode for task in tasks] == [0, 143], errors
-    epoch = torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)["epoch"]
-    tasks = [start_task(rank, *words, f"trainer.max_epochs={epoch + 2}") for rank in (0, 1)]
-    for task in tasks:
-        _, error = task.communicate()
-        assert task.returncode == 0, error
-    assert torch.load(run / "checkpoints" / "last.ckpt", weights_only=True)["epoch"] == epoch + 1

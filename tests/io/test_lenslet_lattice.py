@@ -13,22 +13,10 @@ from lfref.io.samples import ROW_DISTANCES
 from tests.io.lenslet_drawing import lenslet_image, made, scene
 
 
-def test_a_level_square_lattice_stands_at_multiples_of_its_pitch():
-    y, x = upright((14.0, 12.0), (6.5, 5.5)).centres(np.array([0, 3]), np.array([0, 2]))
-    np.testing.assert_allclose((y, x), ((6.5, 48.5), (5.5, 29.5)))
-
-
 def test_all_neighbours_in_a_hexagonal_lattice_are_equally_near():
     y, x = made(10.0, 7.0, is_hexagonal=True).centres(np.array([0, 0, 1, 1, -1, -1]), np.array([1, -1, 0, -1, 0, -1]))
     here = made(10.0, 7.0, is_hexagonal=True).centres(np.array(0), np.array(0))
     np.testing.assert_allclose(np.hypot(y - here[0], x - here[1]), 10)
-
-
-def test_rows_that_fall_to_the_right_are_turned_by_more_than_nothing():
-    lattice = made(10.0, 30.0)
-    y, x = lattice.centres(np.array(0), np.array(2))
-    assert (float(y) - 6.3, float(x) - 7.9) == pytest.approx((10, 20 * math.cos(math.radians(30))))
-    assert lattice.rotation == pytest.approx(30)
 
 
 @given(st.floats(3, 20), st.floats(-10, 10), st.floats(-30, 30), st.floats(-30, 30), st.booleans(), st.floats(60, 200))
@@ -76,13 +64,6 @@ def test_views_from_behind_hexagonal_lenslets_have_square_pixels(rotation):
     error = abs(views[:, :, 0] - expected(views, lattice, window))
     # Cubics between lenslets of a wave 11 lenslets long.
     assert error.max() < 6e-3
-
-
-def test_rectangular_lenslets_give_square_pixels_too():
-    lattice, window = upright((13.2, 15.5), (6.3, 7.9), 0.3), (slice(4, 9), slice(4, 9))
-    image = lenslet_image(lattice, (220, 260))
-    views = lenslet_lattice.sample_views(image[..., None], lattice, (13, 13), window)
-    assert abs(views[:, :, 0] - expected(views, lattice, window)).max() < 6e-3
 
 
 def test_whole_pitches_that_are_aligned_are_the_pixels_themselves():

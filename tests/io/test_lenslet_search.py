@@ -41,22 +41,6 @@ def test_pitch_rotation_and_offset_are_found(name):
     assert abs(np.array(found.origin) - (219.5, 249.5)).max() < 16
 
 
-def test_the_centres_found_are_the_centroids_of_the_lenslets():
-    truth = made()
-    white = white_image(truth, (300, 320))
-    found = lenslet_search.lattice_of(white, PATH)
-    rows, columns = found.within(white.shape, (7.0, 7.0))
-    y, x = np.mgrid[:300, :320]
-    errors = []
-    for i in rows[::4]:
-        for j in columns[::4]:
-            at = [float(value) for value in found.centres(np.array(i), np.array(j))]
-            inside = white * (np.hypot(y - at[0], x - at[1]) < 6.5)
-            errors.append([(inside * y).sum() / inside.sum() - at[0], (inside * x).sum() / inside.sum() - at[1]])
-    assert np.abs(np.mean(errors, axis=0)).max() < 0.02
-    assert np.abs(errors).max() < 0.2
-
-
 def test_a_skewed_lattice_is_found_as_it_is():
     truth = Lattice((6.0, 7.0), (14.2, 0.15), (0.05, 14.3))
     y, x = np.mgrid[:440, :500]
@@ -116,19 +100,9 @@ def test_a_lattice_is_found_up_to_a_limit_and_none_beyond_it(options, worse):
     assert pitch_of(*CROSSED, **worse) is None
 
 
-def test_waves_that_cross_at_no_angle_of_a_lattice_are_none():
-    assert pitch_of((3, 10, 1), (84, 10, 1)) == 10
-    assert pitch_of((3, 10, 1), (80, 10, 1)) is None
-
-
 def test_long_waves_count_if_they_are_strong():
     assert pitch_of(*CROSSED, (3, 17.3, 0.18), (93, 17.3, 0.18)) == 10
     assert pitch_of(*CROSSED, (3, 17.3, 0.35), (93, 17.3, 0.35)) == 17
-
-
-def test_the_waves_of_a_colour_mosaic_are_no_lattice():
-    assert pitch_of(*CROSSED, (0, 2, 6), (90, 2, 6)) == 10
-    assert pitch_of((3, 3.3, 1), (93, 3.3, 1)) == 3
 
 
 def test_hexagonal_rows_may_be_turned_by_half_of_the_way_to_the_next_ones():

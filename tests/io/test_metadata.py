@@ -3,13 +3,12 @@
 import json
 from pathlib import Path
 
-import h5py
 import numpy as np
 import OpenImageIO
 import pytest
 import scipy.io
 
-from lfref.io import images, lytro_files, metadata, read
+from lfref.io import images, metadata, read
 
 ILLUM = {
     "camera": {"make": "Lytro, Inc.", "model": "ILLUM", "firmware": "1.1.1"},
@@ -85,29 +84,9 @@ def test_json_beside_a_picture_is_its_own(tmp_path):
     assert metadata.read_metadata(tmp_path / "IMG_0001.png") == SAID
 
 
-def grouped(place: h5py.Group, plain: dict) -> None:
-    """A structure as MATLAB's `save -v7.3` writes it: groups, text as numbers of its characters."""
-    for name, value in plain.items():
-        if isinstance(value, dict):
-            grouped(place.create_group(name), value)
-        elif isinstance(value, str):
-            stored = place.create_dataset(name, data=np.array([[ord(letter)] for letter in value], np.uint16))
-            stored.attrs["MATLAB_class"] = np.bytes_("char")
-        else:
-            place.create_dataset(name, data=np.array([[value]], np.float64))
-
-
-@pytest.mark.parametrize("is_new", [False, True])
-def test_the_light_field_toolbox_keeps_what_the_camera_said(tmp_path, is_new):
+def test_the_light_field_toolbox_keeps_what_the_camera_said(tmp_path):
     path, field = tmp_path / "IMG_0001__Decoded.mat", np.zeros((5, 6, 10, 12, 4), np.uint16)
-    if is_new:
-        with h5py.File(path, "w", userblock_size=512) as file:
-            file.create_dataset("LF", data=field.T)
-            grouped(file.create_group("LFMetadata"), ILLUM)
-        with path.open("r+b") as raw:
-            raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
-    else:
-        scipy.io.savemat(path, {"LF": field, "LFMetadata": ILLUM})
+    scipy.io.savemat(path, {"LF": field, "LFMetadata": ILLUM})
     assert metadata.read_metadata(path) == SAID
     assert SAID.items() <= read.read(path).metadata.items()
 
@@ -125,53 +104,3 @@ def test_damaged_json_keeps_nothing_from_being_read(view_folder, contents):
     (folder / "a.json").write_bytes(contents)
     assert metadata.read_metadata(folder) == {}
     assert read.read(folder).grid == (1, 1)
-
-
-def test_json_deeper_than_any_of_lytro_is_not_followed():
-    plain: dict = dict(ILLUM)
-    for _ in range(20):
-        plain = {"frame": plain}
-    assert list(lytro_files.records(plain, "camera", "devices")) == []
-
-
-PLAIN = {"camera": {"model": "ILLUM"}, "iso": 80.0}
-
-
-@pytest.fixture(params=["old", "new"])
-def path(request, tmp_path):
-    path = tmp_path / "a.mat"
-    if request.param == "old":
-        scipy.io.savemat(path, {"Said": PLAIN, "LF": np.zeros((2, 2))})
-        return path
-    with h5py.File(path, "w", userblock_size=512) as file:
-        model = file.create_dataset(
-            "Said/camera/model", data=np.array([[ord(letter)] for letter in "ILLUM"], np.uint16)
-        )
-        model.attrs["MATLAB_class"] = np.bytes_("char")
-        file.create_dataset("Said/iso", data=np.array([[80.0]]))
-        file.create_dataset("LF", data=np.zeros((2, 2)))
-        file["Said/linked"] = h5py.ExternalLink(str(path), "/LF")
-        file["Linked"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/")
-    with path.open("r+b") as raw:
-        raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
-    return path
-
-
-def test_a_structure_is_a_dictionary(path):
-    assert metadata.read_struct(path, "Said") == PLAIN
-
-
-@pytest.mark.parametrize("name", ["LF", "Other", "Linked"])
-def test_what_is_no_structure_in_the_file_is_nothing(path, name):
-    assert metadata.read_struct(path, name) == {}
-
-
-def test_long_arrays_are_left_out(tmp_path):
-    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
-        file.create_dataset("Said/long", data=np.zeros(metadata.MAX_SAMPLES + 1))
-        file.create_dataset("Said/short", data=np.arange(3.0))
-    with (tmp_path / "a.mat").open("r+b") as raw:
-        raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
-    said = metadata.read_struct(tmp_path / "a.mat", "Said")
-    assert said["long"] is None
-    assert said["short"].tolist() == [0, 1, 2]

@@ -17,13 +17,9 @@ def test_tensors_and_words_are_read_as_they_were_written(tmp_path):
     assert all(torch.equal(found[name], tensors[name]) for name in tensors)
 
 
-@pytest.mark.parametrize("content", [b"", b"no weights at all", b"\x08\0\0\0\0\0\0\0{luck  }"])
-def test_damaged_files_are_one_line(tmp_path, content):
-    (tmp_path / "x.safetensors").write_bytes(content)
-    with pytest.raises(CheckpointError, match="damaged"):
-        tensor_files.read_weights(tmp_path / "x.safetensors")
-
-
-def test_a_missing_file_is_one_line(tmp_path):
-    with pytest.raises(CheckpointError, match="damaged"):
+@pytest.mark.parametrize("content", [None, b"", b"no weights at all", b"\x08\0\0\0\0\0\0\0{luck  }"])
+def test_missing_and_damaged_files_are_refused(tmp_path, content):
+    if content is not None:
+        (tmp_path / "x.safetensors").write_bytes(content)
+    with pytest.raises(CheckpointError):
         tensor_files.read_weights(tmp_path / "x.safetensors")
