@@ -13,8 +13,8 @@ Letters: `H W` pixel rows and columns, `i j` row and column of a lenslet, `y x` 
 """
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -23,12 +23,9 @@ from numpy.typing import NDArray
 from lfref.functional import neighbours
 from lfref.io.lenslet_lattice import Lattice
 
-MIDDLE = 700
-"""Side of the image's middle that is judged, in pixels."""
-BINS = 24
-"""Bins along each side of a mean cell, which is one and a half pitches wide."""
-RADIAL_TERMS = 7
-"""Terms of the polynomial in the squared distance that describes the round image of a pupil."""
+MIDDLE, BINS, RADIAL_TERMS = 700, 24, 7
+"""Side of the middle that is judged, in pixels; bins along each side of a mean cell, which is one and a half pitches
+wide; terms of the polynomial in the squared distance that describes the round image of a pupil."""
 DARK = 0.1
 """Share of the brightest place of a cell to which darker places are raised: there is hardly more than noise."""
 BRIGHT_RADIUS = 0.4
@@ -55,8 +52,7 @@ SHORTEST_PITCH, LONGEST_PITCH = 3, 64
 """Range of the pitches of aligned lenslets that are measured, in pixels."""
 
 
-@dataclass(frozen=True)
-class Cells:
+class Cells(NamedTuple):
     """What the cells of a lattice show in the middle of an image."""
 
     roundness: float

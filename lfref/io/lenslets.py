@@ -191,7 +191,7 @@ def _lattice(options: ReadOptions, light: NDArray, white: NDArray | None, path: 
         return overridden(of_white, options)
     if options.pitch is None and (of_scene := _shown_lattice(light, path)) is not None:
         return overridden(of_scene, options)
-    described = lattice_of_options(options)
+    described = overridden(None, options)
     # An image with a whole pitch was cut by a tool: its first lenslet begins in the corner.
     if options.offset is not None or all(float(length).is_integer() for length in options.pitch or ()):
         return described
@@ -199,25 +199,15 @@ def _lattice(options: ReadOptions, light: NDArray, white: NDArray | None, path: 
     return overridden(shown, options) if shown is not None and shown.agrees_with(described) else described
 
 
-def lattice_of_options(options: ReadOptions) -> Lattice:
-    """The lattice that the options alone describe."""
-    if options.pitch is None:
+def overridden(lattice: Lattice | None, options: ReadOptions) -> Lattice:
+    """The lattice that an image shows, if any, changed by the options."""
+    if lattice is not None and {options.pitch, options.rotation} == {None} and options.lattice in (None, lattice.name):
+        return replace(lattice, origin=options.offset or lattice.origin)
+    pitch = options.pitch if lattice is None else options.pitch or lattice.pitch
+    if pitch is None:
         remedy = "set reader.pitch, or reader.white to an image that shows the lenslets"
         raise InputError("a lenslet image needs the pitch of its lenslets", got="none", remedy=remedy)
-    rows, columns = options.pitch
-    offset = options.offset or ((rows - 1) / 2, (columns - 1) / 2)
-    return lenslet_lattice.upright(options.pitch, offset, options.rotation or 0.0, options.lattice == "hexagonal")
-
-
-def overridden(lattice: Lattice, options: ReadOptions) -> Lattice:
-    """A lattice from an image, changed by the options."""
-    if options.pitch is None and options.rotation is None and options.lattice in (None, lattice.name):
-        return replace(lattice, origin=options.offset or lattice.origin)
-    described = replace(
-        options,
-        pitch=options.pitch or lattice.pitch,
-        offset=options.offset or lattice.origin,
-        rotation=lattice.rotation if options.rotation is None else options.rotation,
-        lattice=options.lattice or lattice.name,
-    )
-    return lattice_of_options(described)
+    origin = options.offset or (lattice.origin if lattice else ((pitch[0] - 1) / 2, (pitch[1] - 1) / 2))
+    rotation = options.rotation or (lattice.rotation if lattice and options.rotation is None else 0.0)
+    name = options.lattice or (lattice and lattice.name)
+    return lenslet_lattice.upright(pitch, origin, rotation, name == "hexagonal")

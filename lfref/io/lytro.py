@@ -56,7 +56,14 @@ def decode_raw(path: Path, options: ReadOptions) -> Samples:
     image = lytro_files.read_raw(path)
     pattern = mosaic(image.record)
     white = _white_light(image, options.white, pattern)
-    light = _even_light(image, white, pattern)
+    light = light_of(image.samples, image.record)
+    is_saturated = light >= 1
+    light = per_colour(light, pattern, balance(image.record))
+    if white is not None:
+        light /= np.maximum(white, lenslets.DARK / 10)
+    # All colours end where the least amplified one does: saturated pixels are white, and alike in all views.
+    light[is_saturated] = 1
+    np.minimum(light, 1, out=light)
     colours = demosaiced(light, pattern)
     lattice = _lattice(image, colours.mean(axis=2) if white is None else white, options)
     keep_to_lenslets(colours, light, pattern, lattice)
@@ -69,35 +76,22 @@ def decode_raw(path: Path, options: ReadOptions) -> Samples:
     return Samples(views, weight, encodings.NONE if options.encoding == "none" else encodings.LINEAR)
 
 
-def _even_light(image: RawImage, white: NDArray[np.float32] | None, pattern: Mosaic) -> NDArray[np.float32]:
-    """Light of the mosaic, balanced and divided by the white image, [H, W]."""
-    light = light_of(image.samples, image.record)
-    is_saturated = light >= 1
-    light = per_colour(light, pattern, balance(image.record))
-    if white is not None:
-        light /= np.maximum(white, lenslets.DARK / 10)
-    # All colours end where the least amplified one does: saturated pixels are white, and alike in all views.
-    light[is_saturated] = 1
-    return np.minimum(light, 1, out=light)
-
-
 def _white_light(image: RawImage, path: Path | None, pattern: Mosaic) -> NDArray[np.float32] | None:
     """The white image, each colour 1 where it is white, [H, W]; None if neither the user nor the container has one."""
     if path is not None:
         white = read_white(path, image)
-        samples, record, name = white.samples, white.record, white.path
-        log.info("%s: white image %s", image.path.name, name.name)
+        log.info("%s: white image %s", image.path.name, white.path.name)
     elif image.white is not None:
-        samples, record, name = image.white, image.record, image.path
+        white = image._replace(samples=image.white)
     else:
         return None
-    light = light_of(samples, record)
+    light = light_of(white.samples, white.record)
     levels = {}
     for (y, x), key in np.ndenumerate(pattern):
         levels[key] = float(np.percentile(light[y::2, x::2][:: max(1, len(light) // 1000)], lenslets.WHITE_PERCENTILE))
-    if mosaic(record) != pattern or not min(levels.values()) > 0 or light.shape != image.samples.shape:
-        expected = f"{name} must be a white image of the size and mosaic {pattern} of {image.path}"
-        got = f"levels {levels}, size {light.shape}, mosaic {mosaic(record)}"
+    if mosaic(white.record) != pattern or not min(levels.values()) > 0 or light.shape != image.samples.shape:
+        expected = f"{white.path} must be a white image of the size and mosaic {pattern} of {image.path}"
+        got = f"levels {levels}, size {light.shape}, mosaic {mosaic(white.record)}"
         raise FileError(expected, got=got, remedy=WHITE_REMEDY)
     return per_colour(light, pattern, {key: 1 / level for key, level in levels.items()})
 

@@ -1,8 +1,6 @@
 """Reading light fields and refocused stacks, in whatever format they are stored.
 
-A folder holds sub-aperture views, an image file or a raw file holds lenslets, an EXR file has one part per view, an
-array file holds all views in one array, and the pictures of a film are views. The steps are: options -> format ->
-samples as stored -> light. A format needs only an entry of `FORMATS`.
+The steps are: options -> format -> samples as stored -> light. A format needs only an entry of `FORMATS`.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
@@ -27,18 +25,15 @@ BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
 
 
 class Format(NamedTuple):
-    """A format of light fields."""
+    """A format of light fields, with its name in metadata and its title in messages."""
 
     name: str
-    """Name in the metadata of a light field."""
     title: str
-    """Title in messages, with its article."""
     magics: tuple[bytes, ...]
     """Possible first bytes of a file, `?` for any byte; none for a folder."""
     suffixes: tuple[str, ...]
     """Suffixes by which such files count among those of a folder, in small letters; "" for a folder."""
     decode: Callable[[Path, ReadOptions], Samples]
-    """Function that returns the chosen views."""
     holds_views: Callable[[Path], bool] = Path.is_file
     """Whether a file or folder with such a suffix is a light field."""
     options: tuple[str, ...] = ()
@@ -178,8 +173,7 @@ def read(
         rotation: Angle of the rows of lenslets in degrees, above 0 if they fall to the right.
         lattice: `square` or `hexagonal` (every other row half a pitch further); None: as in `white`, else square.
         white: A white image of the camera: it shows where the lenslets are, and the image is divided by it. Of a Lytro
-            camera also its calibration (`data.C.*`, `caldata-*.tar`, or a folder of either or of `MOD_*.RAW` files):
-            its white image with the nearest zoom, then focus, is taken.
+            camera also its calibration (`data.C.*`, `caldata-*.tar`, or a folder of either or of `MOD_*.RAW` files).
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
         grid: Rows and columns of the grid if each view has one number; None: a square grid, but one row of a film.
         holes: Whether views may be missing; None: only where the holes seem intended (a cross, a diagonal).
@@ -199,10 +193,6 @@ def read(
         (`eslf`, `folder`, `exr`, `array`, `lytro`, `film`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views
         are missing, `cut from` if `size` crops the views, and further entries from the files (see `metadata`).
 
-    Raises:
-        FileError: A file is missing, damaged, or not what it should be.
-        InputError: Options do not fit the file, or do not concern its format.
-
     Example:
         >>> path = lfref.write("capture", lfref.LightField(torch.rand(3, 3, 3, 24, 32)))  # a folder of PNG views
         >>> lfref.read(path).views.shape
@@ -213,8 +203,7 @@ def read(
     form = format_of(path)
     # Options for other formats are refused: users would think that they had an effect.
     others = {name for known in (*FORMATS, FOLDER) for name in known.options} - set(form.options)
-    changed = [name for name in sorted(others) if getattr(options, name) != getattr(ReadOptions, name)]
-    if changed:
+    if changed := [name for name in sorted(others) if getattr(options, name) != getattr(ReadOptions, name)]:
         raise InputError(f"{', '.join(changed)} must be left out", got=f"{form.title}, {path}, which has none")
     samples = form.decode(path, options)
     height, width = samples.colours.shape[-2:]

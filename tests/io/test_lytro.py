@@ -1,23 +1,18 @@
 """Views from raw files of Lytro cameras: light, colours, lattice and white image, against drawn scenes."""
 
-import dataclasses
 import json
 import logging
 import math
 import tarfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from scipy.ndimage import map_coordinates
 
-import lfref
 from lfref.errors import FileError, InputError
 from lfref.io import images, lenslet_lattice, lytro, read
 from lfref.io.lytro_files import RawImage, Record
-from lfref.simulator import sim30
-from lfref.simulator.scene import Camera
-from tests.io import lenslet_drawing
 from tests.io import lytro_drawing as drawing
 
 CAMERAS = (drawing.F01, drawing.ILLUM)
@@ -82,35 +77,6 @@ def test_views_are_linear_srgb_of_the_scene(written, camera, lattices):
     errors = (field.views.numpy() / level - expected(field, lattices[0], truth, camera)).mean(axis=(0, 1, 3, 4))
     assert abs(errors).max() < 0.003
     assert read.read(picture, white=white).grid == (7, 7)
-
-
-@EACH_CAMERA
-def test_views_of_a_simulated_light_field(tmp_path, camera, lattices):
-    n_views, size = 11, 48
-    scene = dataclasses.replace(sim30.SCENES["discs"], camera=Camera((n_views, n_views), (size, size)))
-    views = lfref.simulate(scene, outputs=["views"], slopes=[0]).views.numpy()
-
-    def look(y, x, v, u):
-        # A pixel of the simulated views is two lenslets wide, so that lenslets do not alias.
-        places = np.broadcast_arrays(v + n_views // 2, u + n_views // 2, y / 2 + size / 2, x / 2 + size / 2)
-        light = [map_coordinates(views[:, :, k], places, mode="nearest") for k in range(3)]
-        return 0.05 + 0.8 * np.stack(light, axis=-1)
-
-    truth = drawing.true_lattice(camera)
-    place, direction = lenslet_drawing.under(truth, camera.size)
-    light = look(place[..., 0], place[..., 1], direction[..., 0], direction[..., 1])
-    samples = drawing.recorded(
-        camera, drawing.camera_colours(camera, light) * drawing.white_spots(camera, truth)[..., None]
-    )
-    picture = drawing.write_raw(tmp_path / "a.lfr", camera, samples, drawing.frame_record(camera))
-    white = tmp_path / "white.lfr"
-    drawing.write_raw(white, camera, drawing.white_samples(camera, truth), drawing.frame_record(camera))
-    field = read.read(picture, white=white)
-    taken = field.views / np.percentile(drawing.white_spots(camera, truth), 99)
-    true = expected(field, lattices[0], truth, camera, look)
-    assert psnr(taken[1:6, 1:6], true[1:6, 1:6]) > 50
-    # The outer views lie at the rim of the first camera's small lenslets, next to those of other lenslets.
-    assert psnr(taken, true) > 45
 
 
 @EACH_CAMERA
@@ -279,9 +245,8 @@ def as_tar(path):
 
 
 def picture(zoom=981, focus=582, serial="A2", camera=SMALL):
-    return RawImage(
-        camera.model, np.zeros(camera.size, np.uint16), Record(None, drawing.frame_record(camera, zoom, focus)), serial
-    )
+    record = Record(Path("IMG.lfp"), drawing.frame_record(camera, zoom, focus))
+    return RawImage(record.path, np.zeros(camera.size, np.uint16), record, serial)
 
 
 @pytest.mark.parametrize("write", [as_folder, as_containers, as_tar])
@@ -299,11 +264,6 @@ def test_the_white_image_of_the_nearest_zoom_and_focus_is_chosen(tmp_path, write
     white = lytro.read_white(write(tmp_path / "calibration"), picture(*steps))
     np.testing.assert_array_equal(white.samples, np.full(SMALL.size, 1000 + chosen))
     assert white.path.name == f"MOD_000{chosen}.RAW"
-
-
-def test_one_file_of_a_calibration_is_a_white_image_too(tmp_path):
-    folder = as_folder(tmp_path / "calibration")
-    assert lytro.read_white(folder / "MOD_0001.RAW", picture()).samples[0, 0] == 1001
 
 
 @pytest.mark.parametrize("kind", ["another camera", "nothing", "another size", "half a tar file", "a picture", "black"])

@@ -43,7 +43,7 @@ def test_a_window_that_leaves_the_grid_is_refused(count, start):
 
 
 def lattice(**given):
-    return lenslets.lattice_of_options(ReadOptions.parse(**given))
+    return lenslets.overridden(None, ReadOptions.parse(**given))
 
 
 def test_one_pitch_is_that_of_neighbours():
@@ -90,14 +90,6 @@ def test_only_the_views_of_the_window_are_loaded_and_each_once():
     assert colours.shape == (2, 2, 1, 2, 3)
     assert colours[:, :, 0, 0, 0].tolist() == [[12, 13], [22, 23]]
     assert weight is None
-
-
-@pytest.mark.parametrize("odd", [np.zeros((2, 4, 1), np.uint8), np.zeros((2, 3, 3), np.uint8), np.zeros((2, 3, 1))])
-def test_a_view_unlike_the_first_is_named(odd, one_line):
-    load = {"first": np.zeros((2, 3, 1), np.uint8), "odd": odd}.__getitem__
-    with pytest.raises(FileError) as caught:
-        samples.gather({(0, 0): "first", (0, 1): "odd"}, (slice(0, 1), slice(0, 2)), load)
-    one_line(caught.value, "odd")
 
 
 def cells_of(drawing: str) -> dict[tuple[int, int], int]:
