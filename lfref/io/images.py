@@ -52,8 +52,6 @@ SEARCH = 65536
 """Bytes at the start of a PNG or WebP among which it says whether it moves, and at the end among which a PNG's end
 mark must be; some tools append data of their own."""
 PNG_END = b"IEND\xaeB`\x82"
-GAMMAS = (0.1, 10.0)
-"""Smallest and largest plausible exponent in a header."""
 
 FILE_TYPES: dict[str, type[np.generic]] = {
     "uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32,
@@ -158,7 +156,7 @@ def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
     gamma = spec.get_float_attribute("oiio:Gamma", 0.0)
     if space.startswith(("lin", "scene_linear")):
         return encodings.LINEAR
-    if GAMMAS[0] <= gamma <= GAMMAS[1] and gamma != 1:
+    if gamma not in (0, 1):
         return encodings.parsed(f"gamma:{gamma:.4g}")
     return encodings.SRGB if space.startswith("srgb") else default
 

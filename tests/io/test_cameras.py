@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import FileError, InputError, LfrefError
@@ -69,6 +69,7 @@ def test_what_is_no_table_of_positions_is_one_line(tmp_path, contents, one_line)
     one_line(caught.value, tmp_path / "a.csv")
 
 
+@settings(deadline=None)
 @given(
     scale=st.floats(1e-3, 1e3),
     signs=st.tuples(st.sampled_from([-1, 1]), st.sampled_from([-1, 1])),
