@@ -70,6 +70,7 @@ def decode_raw(path: Path, options: ReadOptions) -> Samples:
     views = lenslets.sampled(colours, lattice, options, path)
     # The matrix mixes colours of one place, so that it may follow the sampling, which leaves fewer samples.
     views = np.einsum("ij,vujhw->vuihw", colour_matrix(image.record), views).astype(np.float32)
+    images.check_finite(views, path)  # gains of 0, or a white level at the black one, make infinity
     weight = None
     if white is not None:
         weight = (lenslets.sampled(white[..., None], lattice, options, path) / lenslets.DARK).clip(0, 1)
@@ -119,7 +120,7 @@ def read_white(path: Path, image: RawImage) -> RawImage:
     else:
         try:
             whites = list(_whites(_calibration_files(path)))
-        except (tarfile.TarError, KeyError, TypeError) as error:
+        except tarfile.TarError as error:
             raise images.damaged(path, first_line(error)) from error
         # Serial numbers must agree if both are known.
         own = [one for one in whites if not image.serial or not one.serial or one.serial == image.serial]
@@ -157,8 +158,8 @@ def _calibration_files(path: Path) -> dict[str, Callable[[], bytes]]:
         files |= {member.name: partial(_bytes_of, path, member) for member in members}
     else:
         container = lytro_files.Container.open(path)
-        for entry in container.contents.get("files"):
-            files[entry["name"]] = partial(container.data, entry["dataRef"])
+        for entry in container.contents.children("files"):
+            files[str(entry.get("name"))] = partial(container.data, entry.get("dataRef"))
     return files
 
 
@@ -216,7 +217,7 @@ def per_colour(light: NDArray[np.float32], pattern: Mosaic, gains: dict[str, flo
 def balance(record: Record) -> dict[str, float]:
     """Gain of each colour, a key of `COLOURS`, for white balance; the least is 1."""
     gains = {key: record.number("image", "color", "whiteBalanceGain", key) for key in COLOURS}
-    return {key: gain / min(gains.values()) for key, gain in gains.items()}
+    return {key: gain / (min(gains.values()) or math.nan) for key, gain in gains.items()}
 
 
 def colour_matrix(record: Record) -> NDArray[np.float32]:

@@ -71,6 +71,11 @@ class Record(NamedTuple):
             return entry
         return None
 
+    def children(self, *keys: str) -> list["Record"]:
+        """The dictionaries in the list under nested keys."""
+        entries = self.get(*keys)
+        return [Record(self.path, one) for one in entries if isinstance(one, dict)] if isinstance(entries, list) else []
+
     def number(self, *keys: str, default: float | None = None) -> float:
         """The finite number under nested keys; the default, if there is one, where there is no entry."""
         if default is not None and self.get(*keys) is None:
@@ -153,12 +158,9 @@ class Container:
     @property
     def stack(self) -> Record | None:
         """The record of Lytro's refocused pictures, if there is one."""
-        entries = self.contents.get("picture", "accelerationArray")
-        for entry in entries if isinstance(entries, list) else ():
-            if isinstance(entry, dict) and entry.get("type") == REFOCUS_STACK:
-                content = entry.get("vendorContent")
-                return Record(self.path, content if isinstance(content, dict) else {})
-        return None
+        entries = self.contents.children("picture", "accelerationArray")
+        stacks = (entry.get("vendorContent") for entry in entries if entry.get("type") == REFOCUS_STACK)
+        return next((Record(self.path, content) for content in stacks), None)
 
 
 class RawImage(NamedTuple):
@@ -283,8 +285,7 @@ def read_focal_stack(path: Path) -> FocalStack:
     container = Container.open(path)
     stack = container.stack or Record(path, {})
     block = stack.get("blockOfImages", "blockOfImagesRef")
-    entries = stack.get("imageArray") if block is None else stack.get("blockOfImages", "metadataArray")
-    planes = [Record(path, entry) for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
+    planes = stack.children(*(["imageArray"] if block is None else ["blockOfImages", "metadataArray"]))
     lambdas = tuple(plane.number("lambda") for plane in planes)
     try:
         if block is None:

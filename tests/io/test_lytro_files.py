@@ -109,7 +109,7 @@ def leaves(entries, path=()):
 
 
 @pytest.mark.filterwarnings("ignore:.*encountered")
-@pytest.mark.parametrize("odd", [None, "x", [], {}, -1, 1e308, math.nan, [[1, 2], 3]], ids=repr)
+@pytest.mark.parametrize("odd", [None, "x", [], {}, -1, 0, 1e308, math.nan, [[1, 2], 3]], ids=repr)
 def test_odd_entries_of_the_record_are_one_line(tmp_path, camera, odd):
     refusals = []
     for keys in leaves(drawing.frame_record(camera)):
