@@ -68,7 +68,6 @@ COMPRESSIONS = {
     ".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip:1", ".tif": "zip", ".avif": "avif:{quality}",
     ".webp": "webp:{quality}",
 }  # fmt: skip
-WITHOUT_WEIGHT = (".jpg", ".avif", ".webp")
 QUALITY = 95
 """Default quality of a JPEG, AVIF or WebP file, from 1 to 100."""
 PNG_LEVEL = 1
@@ -262,17 +261,14 @@ def writes(suffix: str) -> bool:
 
 
 def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageSpec:
-    shape, suffix = part.samples.shape, path.suffix.lower()
-    channels = (1, 3) if suffix in WITHOUT_WEIGHT else tuple(CHANNELS)
-    if len(shape) != 3 or shape[2] not in channels or 0 in shape:
-        raise InputError(f"an image for {path} must be [H, W, C] with C one of {channels}", got=f"shape {shape}")
-    spec = OpenImageIO.ImageSpec(shape[1], shape[0], shape[2], kind)
-    spec.channelnames = CHANNELS[shape[2]]
+    height, width, n_channels = part.samples.shape
+    spec = OpenImageIO.ImageSpec(width, height, n_channels, kind)
+    spec.channelnames = CHANNELS[n_channels]
     spec.alpha_channel = -1
     attributes = {
         # Otherwise the PNG writer divides the colours by the fourth channel.
         "oiio:UnassociatedAlpha": 1,
-        "compression": COMPRESSIONS[suffix].format(quality=quality),
+        "compression": COMPRESSIONS[path.suffix.lower()].format(quality=quality),
         "png:compressionLevel": PNG_LEVEL,
         "jpeg:subsampling": "4:4:4",
         "oiio:subimagename": part.name,
