@@ -15,13 +15,11 @@ import pandas as pd
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from lfref.errors import FileError
 from lfref.io import atomic
 from lfref.report import drawing, tables
 
 LEGIBLE = 0.39
 """Share of a plot's own width, at 150 dots per inch, at which text of 10 points has 8 pixels of a screen."""
-_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
@@ -30,26 +28,17 @@ class Section:
 
     title: str
     text: str = ""
-    """How to read what is shown, as plain text; an empty line starts a paragraph."""
-    figures: Mapping[str, Figure | str | Path] = field(default_factory=dict)
+    """How to read what is shown, as plain text."""
+    figures: Mapping[str, Figure | Path] = field(default_factory=dict)
     """Caption -> figure, or a PNG file; screen readers read the caption too."""
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     """Caption -> table."""
-    problem: str = ""
-    """Reason why the section has no content."""
     files: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     """Name of a CSV file beside the page -> its table."""
     answer: str = ""
     """What the run answers, with its figures, in one sentence."""
-    crops: Mapping[str, str | Path] = field(default_factory=dict)
+    crops: Mapping[str, Path] = field(default_factory=dict)
     """Caption -> PNG file; all are shown in one row."""
-
-    def __post_init__(self) -> None:
-        for picture in (*self.crops.values(), *self.figures.values()):
-            if not isinstance(picture, Figure):
-                _read_png(Path(picture))
-        for table in self.tables.values():
-            tables.require(table)
 
 
 def write_page(
@@ -80,7 +69,7 @@ def write_page(
 
 def _is_numeric(column: pd.Series) -> bool:
     is_number = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
-    return is_number and not tables.is_text(column.name)
+    return is_number and column.name not in tables.NAMES
 
 
 def _breakable(text: str) -> Markup:
@@ -88,24 +77,14 @@ def _breakable(text: str) -> Markup:
     return Markup(escape(text).replace("_", Markup("_<wbr>")))
 
 
-def _png(picture: Figure | str | Path) -> dict[str, object]:
+def _png(picture: Figure | Path) -> dict[str, object]:
     """Source, width and height of an image element, and the least width at which its text can be read."""
     if isinstance(picture, Figure):
         buffer = io.BytesIO()
         picture.savefig(buffer, **drawing.PNG)
         content = buffer.getvalue()
     else:
-        content = _read_png(Path(picture))
-    width, height = struct.unpack(">II", content[16:24])
+        content = picture.read_bytes()
+    width, height = struct.unpack(">II", content[16:24])  # of the PNG header
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
     return {"source": source, "width": width, "height": height, "least_width": round(LEGIBLE * width)}
-
-
-def _read_png(path: Path) -> bytes:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FileError("a picture must be a readable PNG file", got=f"{path} ({error.strerror})") from error
-    if not content.startswith(_PNG_MAGIC) or len(content) < 24:
-        raise FileError("a picture must be a PNG file", got=str(path))
-    return content

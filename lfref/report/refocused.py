@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
 from lfref.io import images
 from lfref.lightfield import LightField
@@ -24,15 +23,13 @@ from lfref.report import disparity_colours, pictures
 
 log = logging.getLogger(__name__)
 
-SUFFIXES = {"png": ".png", "jpg": ".jpg", "tif": ".tif", "avif": ".avif"}
-
 
 @dataclass(frozen=True)
 class PictureFiles:
     """Format of picture files.
 
     Raises:
-        InputError: There is no such format, or it has no such depth or quality.
+        InputError: There is no such format, or it has no such depth.
     """
 
     format: str = "png"
@@ -43,18 +40,12 @@ class PictureFiles:
     """Quality of JPEG and AVIF files, from 1 to 100."""
 
     def __post_init__(self) -> None:
-        suffix = chosen("format", self.format, SUFFIXES)
-        images.sample_type(Path(f"x{suffix}"), None)
-        depths = images.DEPTHS[suffix]
-        if self.bits not in depths:
-            raise InputError(f"bits of {self.format} must be {' or '.join(map(str, depths))}", got=repr(self.bits))
-        if not 1 <= self.quality <= 100:
-            raise InputError("quality must be from 1 to 100", got=repr(self.quality))
+        images.sample_type(Path(f"x{self.suffix}"), self.bits)  # refuses what cannot be written, before any work
 
     @property
     def suffix(self) -> str:
         """Suffix of the files' names."""
-        return SUFFIXES[self.format]
+        return f".{self.format}"
 
 
 def mean_of_views(field: LightField) -> Tensor:

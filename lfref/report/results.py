@@ -1,7 +1,6 @@
 """Result files of `lfref refocus`: stack, planes, contact sheet, maps, point cloud, video; one function per entry.
 
 Every picture of a light field has the same brightness.
-This module stands apart from the command, as the place where a result file is added.
 """
 
 from collections.abc import Callable, Iterable
@@ -34,14 +33,7 @@ def focus_map(slopes: Tensor, confidence: Tensor) -> NDArray[np.uint8]:
 
     Returns:
         Pixels of the picture, [H, W, 3].
-
-    Raises:
-        InputError: The arguments are not two maps of one size.
     """
-    if slopes.ndim != 2 or slopes.shape != confidence.shape:
-        raise InputError(
-            "slopes and confidence must be [H, W]", got=f"{list(slopes.shape)} and {list(confidence.shape)}"
-        )
     values, sure = slopes.double().cpu().numpy(), confidence.double().cpu().numpy()
     # Opacity is relative to most pixels: among planes close together, none is much sharper than the next.
     opacity = (sure / max(LEAST_OPAQUE, np.quantile(sure, OPAQUE))).clip(0, 1)
@@ -121,12 +113,6 @@ def _disparity(folder: Path, refocused: Refocused) -> None:
         images.write_image(folder / f"{name}.exr", array[..., None])
     images.write_image(folder / "confidence.png", array[..., None], bits=16)
     images.write_image(folder / "map.png", refocused.disparity_picture)
-    # A PNG of 16 bits, whose name holds the disparities of black and white.
-    disparity = refocused.disparity.disparity.double().cpu().numpy()
-    low, high = np.floor(100 * disparity.min()) / 100, np.floor(100 * disparity.max() + 1) / 100
-    description = f"disparity in px per view step = {low:.2f} + sample / 65535 * {high - low:.2f}"
-    part = images.Part(((disparity - low) / (high - low))[..., None], attributes={"ImageDescription": description})
-    images.write_parts(folder / f"disparity_from_{low:.2f}_to_{high:.2f}.png", [part], 16)
 
 
 def _points(folder: Path, refocused: Refocused) -> None:
