@@ -62,7 +62,7 @@ def picture() -> Figure:
 
 
 def _is_shown(case: HardCase) -> bool:
-    return not case.is_large and case.demand == Demand.ACCURATE and case.name not in BENIGN
+    return case.demand == Demand.ACCURATE and case.name not in BENIGN
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {"stability.png": picture}

@@ -17,7 +17,6 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from lfref import geometry
 from lfref.errors import InputError, counted
 from lfref.functional.psnr import image_pair, psnr
 from lfref.functional.ssim import ssim
@@ -120,17 +119,6 @@ def explained(planes: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
 def without_border(stack: Tensor, margin: int) -> Tensor:
     """The interior of pictures [..., H, W], without a border of `margin` pixels."""
     return stack[..., margin : stack.shape[-2] - margin, margin : stack.shape[-1] - margin]
-
-
-def interior(stack: Tensor, slopes: Tensor, grid: tuple[int, int]) -> Tensor:
-    """The part of a stack [..., H, W] that every view covers at every plane, whatever the border rule."""
-    return without_border(stack, math.ceil(geometry.corner_shift(slopes, grid)))
-
-
-def interior_errors(stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int]) -> dict[str, float]:
-    """`psnr_db` (mean over planes) and `max_error` of a stack [N, C, H, W] where every view covers every plane."""
-    inner, right = interior(stack, slopes, grid), interior(reference, slopes, grid)
-    return {"psnr_db": float(psnr(inner, right).mean()), "max_error": float((inner - right).abs().max())}
 
 
 class DisplayedStack(NamedTuple):

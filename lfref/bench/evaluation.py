@@ -92,13 +92,13 @@ class EvaluationCase:
         return DisplayedStack(stack, self.encoding.decode(stack))
 
 
-def ideal_case(scene: Scene, slopes: Tensor, device: torch.device) -> EvaluationCase:
+def ideal_case(scene: Scene, slopes: Tensor, device: torch.device, kind: str = IDEAL) -> EvaluationCase:
     """Views and truth of a scene without its sensor, the truth at these slopes [N]."""
     simulated = simulate(replace(scene, sensor=Sensor()), slopes=slopes)
     assert simulated.views is not None
     assert simulated.truth is not None
     light, aperture = LightField(simulated.views, scene.name), APERTURES[scene.camera.aperture]
-    return EvaluationCase(IDEAL, light.to(device), simulated.truth.to(device), TRUTH, aperture)
+    return EvaluationCase(kind, light.to(device), simulated.truth.to(device), TRUTH, aperture)
 
 
 def scene_cases(
@@ -131,23 +131,12 @@ def scene_cases(
             yield replace(case, kind=CORRECTED, light=correct_by_option(light, AUTO, white, EVEN_GRID)[0])
 
 
-def aliased_cases(scenes: Iterable[Scene], slopes: Tensor, device: torch.device) -> Iterator[EvaluationCase]:
-    """Scenes of aliased textures, without their sensors, with their truth at these slopes [N]."""
-    for scene in scenes:
-        yield replace(ideal_case(scene, slopes, device), kind=ALIASED)
-
-
 def wide_cases(scenes: Iterable[Scene], device: torch.device) -> Iterator[EvaluationCase]:
-    """Scenes with their truth at planes of their own, from the farthest to the nearest of their surfaces.
-
-    Args:
-        scenes: Of any grid and size, without a sensor.
-        device: Where views and truth go.
-    """
+    """Scenes with their truth at planes of their own, from the farthest to the nearest of their surfaces."""
     for scene in scenes:
         ends = [end for surface in scene.surfaces for end in surface.geometry.disparity_range(scene.camera.size)]
         planes = even_planes(N_WIDE_PLANES, min(ends), max(ends))
-        yield replace(ideal_case(scene, planes.slopes, device), kind=WIDE, planes=planes)
+        yield replace(ideal_case(scene, planes.slopes, device, WIDE), planes=planes)
 
 
 def capture_cases(fields: Iterable[LightField], slopes: Tensor) -> Iterator[EvaluationCase]:
@@ -246,7 +235,7 @@ def evaluate(
         Rows `class, scene, method, reference, alpha, slope` and `COLUMNS`, one per plane.
 
     Raises:
-        InputError: The border leaves no interior, or a method makes other planes.
+        InputError: The border leaves no interior.
     """
     for case in cases:
         accuracy.check_margin(margin, case.light.size)

@@ -199,7 +199,10 @@ def _scene_cases(
 
     return itertools.chain(
         evaluation.scene_cases(shown(common, "evaluating against the truth"), planes.slopes, device, config.correct),
-        evaluation.aliased_cases(shown(aliased, "evaluating aliased scenes"), planes.slopes, device),
+        (
+            evaluation.ideal_case(scene, planes.slopes, device, evaluation.ALIASED)
+            for scene in shown(aliased, "evaluating aliased scenes")
+        ),
         evaluation.wide_cases(shown(wide, "evaluating wide baselines"), device),
     )
 
@@ -285,9 +288,8 @@ PARTS: dict[str, Callable[[], list[Component]]] = {
     "losses": stability_components.image_components,
     "operators": stability_components.operator_components,
     "networks": stability_components.network_components,
-    "simulator": list,
 }
-"""Components of each part; the simulator has scenes instead, see `stability_components.simulator_rows`."""
+"""Components of each part."""
 SHOWN = ("1 - SSIM", "1 / PSNR", "loss", "PSNR")
 """Components in `stability.png`."""
 
@@ -301,7 +303,6 @@ def stability(config: DictConfig, folder: Path) -> None:
     n_threads = torch.get_num_threads()
     torch.set_num_threads(1)  # inputs are small: threads would cost more than they give
     rows = list(trials.run_trials(progress(components, "trying hard cases")))
-    rows += stability_components.simulator_rows() if "simulator" in parts else []
     torch.set_num_threads(n_threads)
     tables.write_table(folder / "stability.csv", rows)
     n_held = sum(row["holds"] == "yes" for row in rows if row["formulation"] == trials.OURS)

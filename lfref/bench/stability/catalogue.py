@@ -11,14 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref.simulator.mattes import Disc, Full, Outline
-from lfref.simulator.scene import Camera, Light, Scene, Surface
-from lfref.simulator.surfaces import Dome, Geometry, Plane
-from lfref.simulator.textures import Flat
-
 SHAPE = (2, 3, 24, 32)
-LARGE = (1, 48, 375, 540)
-"""The stack of a whole field as one image: the longest reduction there is."""
 
 Make = Callable[[torch.dtype], tuple[Tensor, ...]]
 """(dtype) -> the input; gradients are taken with respect to its first tensor."""
@@ -38,8 +31,6 @@ class HardCase(NamedTuple):
     name: str
     make: Make
     demand: Demand = Demand.ACCURATE
-    is_large: bool = False
-    """Whether the case takes seconds: it is then run only in float32 and bfloat16, and only if `takes_large`."""
 
 
 def noise(*shape: int, seed: int = 0) -> Tensor:
@@ -92,10 +83,6 @@ def _channels_last(dtype: torch.dtype) -> tuple[Tensor, ...]:
     return tuple(image.to(dtype, memory_format=torch.channels_last) for image in _benign(SHAPE))
 
 
-def _large(dtype: torch.dtype) -> tuple[Tensor, ...]:
-    return tuple(image.to(dtype).expand(LARGE).contiguous() for image in _benign((1, 1, *LARGE[2:])))
-
-
 def _flat(level: float) -> Make:
     return _rounded(level + 1e-3 * noise(*SHAPE), torch.full(SHAPE, level))
 
@@ -141,7 +128,6 @@ IMAGES: tuple[HardCase, ...] = (
     HardCase("11 pixels wide", _rounded(*_benign((2, 3, 24, 11)))),
     HardCase("batch of 1", _rounded(*_benign((1, 3, 24, 32)))),
     HardCase("channels last", _channels_last),
-    HardCase("48 x 375 x 540", _large, is_large=True),
 )
 """Pairs of images (x, y), [B, C, H, W]; in the VISIBLE ones, only the first image has a bad pixel."""
 
@@ -177,10 +163,6 @@ def _views_with(value: float, index: tuple[int, ...]) -> Tensor:
     return views
 
 
-def _views_channels_last() -> Tensor:
-    return _views().movedim(2, -1).contiguous().movedim(-1, 2)
-
-
 _SLOPES = (-1.3, -0.45, 0.4)
 _DEAD_VIEW_WEIGHTS = torch.ones(GRID, dtype=torch.float64).index_put(
     (torch.tensor(0), torch.tensor(0)), torch.tensor(0.0).double()
@@ -208,7 +190,6 @@ FIELDS: tuple[HardCase, ...] = (
     HardCase("mean 1000, contrast .001", _field(1000 + 1e-3 * noise(*GRID, 3, 15, 18), _SLOPES)),
     HardCase("one hot pixel of 1000", _field(_views_with(1000, (1, 1, 0, 7, 7)), _SLOPES)),
     HardCase("denormal", _field(1e-40 * _views(), _SLOPES)),
-    HardCase("channels last", _field(_views_channels_last(), _SLOPES)),
 )
 """Views [V, U, C, H, W], evenly spaced slopes [N] and weights [V, U]."""
 
@@ -260,44 +241,3 @@ STARTS: tuple[HardCase, ...] = (
     HardCase("two pixels", _start(_crops(1, NETWORK_GRID, 1, 2))),
 )
 """Crops [B, V, U, C, H, W] and labels [B, N, C, H, W] of which a network starts."""
-
-CAMERA = Camera(grid=(3, 4), size=(24, 32))
-SCENE_SLOPES = (-7.0, -0.5, 1e-9, 1.0)
-"""Slopes of the truth of `SCENES`."""
-
-
-def _surface(geometry: Geometry | float, matte: Outline | None = None, colour: float = 0.5, **more: object) -> Surface:
-    where = geometry if isinstance(geometry, Geometry) else Plane(geometry)
-    return Surface(where, Flat((colour,) * 3), matte or Full(), **more)  # type: ignore[arg-type]
-
-
-def _scene(*surfaces: Surface, camera: Camera = CAMERA) -> Scene:
-    return Scene(camera, surfaces)
-
-
-_BEHIND = _surface(-0.7)
-
-SCENES: dict[str, Scene] = {
-    "a wall": _scene(_surface(0.3)),
-    "whole disparity": _scene(_surface(1.0)),
-    "half disparity": _scene(_surface(0.5)),
-    "disparity 1e-9 from 1": _scene(_surface(1 + 1e-9)),
-    "disparity -7": _scene(_surface(-7.0)),
-    "black": _scene(_surface(0.3, colour=0.0)),
-    "light of 1e6": Scene(CAMERA, (_surface(0.3),), Light(1e6)),
-    "light of 1e-30": Scene(CAMERA, (_surface(0.3),), Light(1e-30)),
-    "steepest slant": _scene(_surface(Plane(0.0, (0.25, 0.0)))),
-    "crossing slants": _scene(_surface(Plane(0.0, (0.1, 0.0))), _surface(Plane(0.0, (-0.1, 0.0)))),
-    "dome": _scene(_BEHIND, _surface(Dome(0.2, 0.5, 9.0))),
-    "two at one disparity": _scene(_surface(0.5), _surface(0.5, Disc(6.3))),
-    "two 1e-12 apart": _scene(_surface(0.5), _surface(0.5 + 1e-12, Disc(6.3))),
-    "disc in front": _scene(_BEHIND, _surface(0.8, Disc(6.3))),
-    "disc of one pixel": _scene(_BEHIND, _surface(0.8, Disc(0.5))),
-    "opacity 0": _scene(_BEHIND, _surface(0.8, Disc(6.3), opacity=0.0)),
-    "opacity .5": _scene(_BEHIND, _surface(0.8, Disc(6.3), opacity=0.5)),
-    "motion": _scene(_BEHIND, _surface(0.8, Disc(6.3), motion=(3.3, -1.7))),
-    "one view": _scene(_BEHIND, _surface(0.8, Disc(6.3)), camera=Camera(grid=(1, 1), size=(24, 32))),
-    "round aperture": _scene(_BEHIND, _surface(0.8, Disc(6.3)), camera=Camera((3, 4), (24, 32), "disc")),
-}
-"""Scenes whose surfaces all have one colour, which every view and every plane must have everywhere. Wrong weights show
-as another colour: of surfaces that hide, slant, move, let light through, or end between samples."""

@@ -57,11 +57,6 @@ def one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
     return (a + b - a * b).mean((-3, -2, -1))
 
 
-def ssim(x: Tensor, y: Tensor) -> Tensor:
-    """SSIM of each image, [...]."""
-    return 1 - one_minus_ssim(x, y)
-
-
 def composite(x: Tensor, y: Tensor) -> Tensor:
     """The paper's loss, [...]."""
     weights, terms = paper_weights(), {"mse": mse, "l1": l1, "ssim": one_minus_ssim, "inverse_psnr": inverse_psnr}

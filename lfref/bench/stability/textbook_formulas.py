@@ -4,9 +4,7 @@ On benign input in float32, each formula is as accurate as its definition allows
 Letters: `x y` prediction and target, [B, C, H, W]; `u v` view column and row, `s` slope in pixels per view step.
 """
 
-import importlib
-import importlib.util
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import torch
 import torch.nn.functional as F
@@ -17,7 +15,6 @@ from lfref import geometry
 from lfref.functional.psnr import CEILING_DB
 from lfref.losses.composite import paper_weights
 from lfref.nets.blocks import InstanceNorm2d
-from lfref.refocus.fourier.slice import kaiser_bessel
 
 _DIMENSIONS = (-3, -2, -1)
 
@@ -50,29 +47,10 @@ def one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
     return 1 - values.reshape(-1)
 
 
-def pytorch_msssim(x: Tensor, y: Tensor) -> Tensor:
-    """1 - SSIM of the package pytorch-msssim, with borders reflected as torchmetrics does, [B]."""
-    package = importlib.import_module("pytorch_msssim")
-    # The package's window of 11 pixels needs 5 more on each side.
-    padded = (F.pad(images, (5,) * 4, mode="reflect") for images in (x, y))
-    return 1 - package.ssim(*padded, data_range=1.0, size_average=False)
-
-
-def ssim(x: Tensor, y: Tensor) -> Tensor:
-    """Torchmetrics' SSIM, [B]."""
-    return 1 - one_minus_ssim(x, y)
-
-
 def composite(x: Tensor, y: Tensor) -> Tensor:
     """The paper's loss as the weighted sum of these terms, [B]."""
     weights, terms = paper_weights(), {"mse": mse, "l1": l1, "ssim": one_minus_ssim, "inverse_psnr": inverse_psnr}
     return torch.stack([weights[name] * term(x, y) for name, term in terms.items()]).sum(0)
-
-
-SSIMS: Mapping[str, Callable[[Tensor, Tensor], Tensor]] = {"torchmetrics": one_minus_ssim} | (
-    {"pytorch-msssim": pytorch_msssim} if importlib.util.find_spec("pytorch_msssim") else {}
-)
-"""Package -> its 1 - SSIM, if the package is installed."""
 
 
 def grid_sample(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
@@ -110,28 +88,6 @@ def phase_ramps(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
     crossing = v[:, None, None, None] * ky + u[:, None, None] * kx
     ramps = [torch.exp(2j * torch.pi * float(slope) * crossing)[:, :, None] for slope in slopes]
     return torch.stack([torch.fft.irfft2((spectra * ramp).sum((0, 1)), s=size) for ramp in ramps])
-
-
-def slice_without_compensation(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
-    """A slice read with a Kaiser-Bessel kernel; views are not divided by its transform, [N, C, H, W]."""
-    share, size = weights.to(views.dtype) / weights.to(views.dtype).sum(), views.shape[-2:]
-    spectra = torch.fft.rfft2(views * share[:, :, None, None, None])
-    planes = []
-    for slope in slopes.float():
-        rows = _slice_taps(slope * torch.fft.fftfreq(size[0]), share.shape[0])
-        columns = _slice_taps(slope * torch.fft.rfftfreq(size[1]), share.shape[1])
-        planes.append(torch.fft.irfft2(torch.einsum("vuchk,vh,uk->chk", spectra, rows, columns), s=size))
-    return torch.stack(planes)
-
-
-def _slice_taps(crossing: Tensor, n_views: int, width: int = 4, padding: int = 2) -> Tensor:
-    padded, kernel = padding * n_views, kaiser_bessel(width, padding)
-    position = -crossing[:, None] * padded
-    bins = (position - width / 2).ceil() + torch.arange(width + 1)
-    offsets = geometry.angular_offsets(n_views).float()
-    ramps = torch.exp(-2j * torch.pi * bins * offsets[:, None, None] / padded)
-    taps = kernel.weight((position - bins).double()) / kernel.transform(torch.zeros(1, dtype=torch.float64))
-    return (taps.float() * ramps).sum(-1)
 
 
 class Softplus(nn.Module):
