@@ -14,7 +14,7 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def answer(reference="truth", other="sum"):
-    return Answer("ideal", reference, "net", other, True, 1.0, {"dome": 30.0}, [])
+    return Answer("ideal", reference, "net", other, "dome", "")
 
 
 def pictures():

@@ -28,8 +28,9 @@ def path(tmp_path_factory):
         answer=ANSWER,
         crops=dict.fromkeys(("Centre view", "other", "ours", "Truth", "Difference"), folder / "crop.png"),
     )
-    failed = Section("Not shown: run", problem="it was stopped too early")
-    page.write_page(folder / "index.html", "A report", [section, failed], {"processor": "x" * 60, "torch": "2.13"})
+    page.write_page(
+        folder / "index.html", "A report", [section, Section("Other", "text")], {"processor": "x" * 60, "torch": "2.13"}
+    )
     return folder / "index.html"
 
 
