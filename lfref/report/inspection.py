@@ -1,7 +1,4 @@
-"""The sheet of `lfref info`: central view, disparity, corner views, and light of each view.
-
-This module stands apart from the command, which reads and writes: it only draws.
-"""
+"""The sheet of `lfref info`: central view, disparity, corner views, and light of each view."""
 
 import itertools
 from typing import Any

@@ -62,7 +62,7 @@ def write_page(
     )
     page.filters |= {"heading": tables.heading, "cell": lambda value, column="": tables.format_cell(column, value)}
     page.filters |= {"png": _png, "breakable": _breakable}
-    page.tests |= {"numeric": _is_numeric, "bold": lambda value: isinstance(value, tables.Bold)}
+    page.tests |= {"numeric": _is_numeric}
     text = page.get_template("page.html").render(title=title, text=text, sections=sections, facts=facts)
     atomic.write_text(Path(path), text.lstrip() + "\n")
 

@@ -67,7 +67,8 @@ def hard_cases(folder: Path) -> Section:
     )
     is_ours = trials["formulation"] == OURS
     held, failed = is_ours & (trials["holds"] == "yes"), trials[is_ours & (trials["holds"] != "yes")]
-    listed = {"Trials": counts(trials)}
+    names = [trials["component"], trials["formulation"]]
+    listed = {"Trials by outcome": pd.crosstab(names, trials["outcome"]).reset_index()}
     if len(failed):
         listed["Our trials that fail"] = failed[["component", "case", "precision", "outcome", "times_allowed", "note"]]
     answer = f"{held.sum()} of {is_ours.sum()} trials of lfref hold."
@@ -83,15 +84,6 @@ def heat_maps(trials: pd.DataFrame) -> dict[str, Figure]:
             pictures.append([])
         pictures[-1].append(name)
     return {", ".join(names): heat_map(trials[trials["component"].isin(names)]) for names in pictures}
-
-
-def counts(trials: pd.DataFrame) -> pd.DataFrame:
-    """Number of trials of each component and formulation: `component, formulation, trials`, a column per outcome."""
-    outcomes = trials.groupby(["component", "formulation"], sort=False)["outcome"]
-    counted = outcomes.value_counts().unstack(fill_value=0).reindex(outcomes.size().index)
-    counted = counted.reindex(columns=[*OUTCOMES], fill_value=0)
-    counted.insert(0, "trials", outcomes.size())
-    return counted.reset_index()
 
 
 def _draw_panel(axes: Axes, component: str, panel: pd.DataFrame, cases: Sequence[str]) -> None:

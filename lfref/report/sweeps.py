@@ -7,9 +7,8 @@ distribution with n - 1 degrees of freedom (Student, "The probable error of a me
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 from scipy import stats
@@ -17,7 +16,7 @@ from scipy import stats
 from lfref.errors import counted
 from lfref.io import run as runs
 from lfref.io.run import Run
-from lfref.report import plots, tables
+from lfref.report import plots
 from lfref.report.page import Section
 
 LEVEL = 0.95
@@ -28,7 +27,10 @@ PLACES = (*runs.FOLDERS, "logger", "callbacks", "seed")
 
 def section(folder: Path) -> Section:
     """The section of a sweep; the variant of its first job is the reference."""
-    jobs = [Run(path.parent) for path in sorted(folder.glob(f"*/{runs.CONFIG}"), key=_number)]
+    jobs = [
+        Run(path.parent)
+        for path in sorted(folder.glob(f"*/{runs.CONFIG}"), key=lambda path: (len(str(path)), path))
+    ]
     finished = [job for job in jobs if job.is_finished]
     unfinished = ", ".join(job.name for job in jobs if not job.is_finished)
     title, n_jobs = f"Sweep: {folder.name}", counted(len(jobs), "job")
@@ -38,24 +40,19 @@ def section(folder: Path) -> Section:
     table = summary(rows)
     text = f"{len(finished)} of {n_jobs} finished." + (f" Without an end: {unfinished}." if unfinished else "")
     text += (
-        " MPSNR is the best of a run's validations, against its own labels; ± is the standard deviation over seeds. "
-        f"Reference: {table['variant'].iloc[0]}. In brackets: the 95 % paired t interval of the mean difference, bold "
-        "if it excludes 0. Of 20 variants without an effect, about one is bold."
+        " MPSNR is the best of a run's validations, against its own labels: mean and standard deviation over seeds, "
+        f"and the difference from {table['variant'].iloc[0]}, seed by seed, with the ends of its 95 % paired t "
+        "interval. Of 20 variants without an effect, about one has an interval without 0."
     )
     caption = "Validation MPSNR by step: mean over the seeds, and band from the lowest to the highest; grey: reference"
     return Section(
         title,
         text,
         {caption: plots.sweep_curves(curves, table["variant"].iloc[0])},
-        {"By what varies": for_page(table)},
-        files={"sweep.csv": table, "sweep_jobs.csv": rows},
+        {"By what varies": table},
+        files={"sweep.csv": table},
         answer=best_setting(table),
     )
-
-
-def _number(config: Path) -> tuple[int, str]:
-    name = config.parent.name
-    return (int(name) if name.isdecimal() else -1), name
 
 
 def _options(job: Run) -> dict[str, str]:
@@ -77,8 +74,7 @@ def single_runs(jobs: Sequence[Run]) -> tuple[pd.DataFrame, pd.DataFrame]:
         log = pd.DataFrame(job.metrics).dropna(subset="val/mpsnr")
         best, record = log.loc[log["val/mpsnr"].idxmax()], job.training
         values = {"best_mpsnr_db": best["val/mpsnr"], "mssim": best["val/mssim"]}
-        costs = {name: record[name] for name in ("n_parameters", "seconds", "device")}
-        rows.append({"job": job.name, **names, **values, **costs})
+        rows.append({**names, **values, "n_parameters": record["n_parameters"], "seconds": record["seconds"]})
         curves.append(log[["step", "val/mpsnr"]].assign(**names))
     table = pd.DataFrame(rows)
     is_first = table["variant"] == table["variant"].iloc[0]
@@ -121,37 +117,13 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(found)
 
 
-def for_page(table: pd.DataFrame) -> pd.DataFrame:
-    """The summary with means, deviations and intervals as text; bold where an interval excludes 0."""
-    rows = table.to_dict("records")
-    shown = table[["variant", "seeds"]].assign(mean_and_std=[_mean_and_std(row) for row in rows])
-    if len(table) > 1:
-        shown["difference"] = ["reference", *map(_difference, rows[1:])]
-    return shown.assign(**table[["mssim", "parameters", "training_minutes"]])
-
-
 def best_setting(table: pd.DataFrame) -> str:
     """The best setting, and how far it is from the reference, in a sentence."""
     place = int(table["mean_db"].to_numpy().argmax())
     best, reference = table.iloc[place].to_dict(), table["variant"].iloc[0]
-    words = f"Best of {counted(len(table), 'setting')}: {best['variant']}, with {_mean_and_std(best)} dB"
-    words += f" over {counted(int(best['seeds']), 'seed')}"
+    words = f"Best of {counted(len(table), 'setting')}: {best['variant']}, with {best['mean_db']:.2f} dB over "
+    words += counted(int(best["seeds"]), "seed")
     if place == 0:
-        return f"{words}, the reference." if len(table) > 1 else f"{words}."
-    low, difference = best["difference_low_db"], f"{best['difference_db']:.2f} dB above the reference ({reference})"
-    reading = " by a single seed, which proves nothing" if math.isnan(low) else ", which seeds alone may explain"
-    return f"{words}, {difference}{'' if low > 0 else reading}."
-
-
-def _mean_and_std(row: Mapping[str, Any]) -> str:
-    return f"{row['mean_db']:.2f}" + ("" if math.isnan(row["std_db"]) else f" ± {row['std_db']:.2f}")
-
-
-def _difference(row: Mapping[str, Any]) -> str:
-    mean, low, high = (row[f"difference_{name}db"] for name in ("", "low_", "high_"))
-    if math.isnan(mean):
-        return tables.DASH
-    if math.isnan(low):
-        return f"{mean:+.2f}".replace("-", tables.MINUS)
-    text = f"{mean:+.2f} ({low:+.2f} to {high:+.2f})".replace("-", tables.MINUS)
-    return tables.Bold(text) if low > 0 or high < 0 else text
+        return f"{words}, the reference."
+    certain = "" if best["difference_low_db"] > 0 else ", which seeds alone may explain"
+    return f"{words}, {best['difference_db']:.2f} dB above the reference ({reference}){certain}."

@@ -30,18 +30,10 @@ HEADINGS = {
     "alpha": "\N{GREEK SMALL LETTER ALPHA}",
     "slope": "Slope (px/view)",
     "delta_e": "\N{GREEK CAPITAL LETTER DELTA}E 2000",
-    "mean_and_std": "MPSNR (dB)",
-    "difference": "Less the reference (dB)",
     "numpy_ffts": "Time (NumPy 4-D FFTs)",
 }
 """Headings that do not follow from the column's name."""
 UPPER = re.compile(r"\bm?(psnr|ssim)\b|\bp[19]0\b")
-
-
-class Bold(str):
-    """Text of a cell that the page prints in bold."""
-
-    __slots__ = ()
 
 
 def heading(column: str) -> str:

@@ -83,15 +83,6 @@ def test_all_text_is_escaped(tmp_path, figure):
     assert shown == [evil] * 10
 
 
-def test_paragraphs_facts_and_tables_are_there(tmp_path):
-    section = Section("Part", "one\nline", tables={"All": pd.DataFrame([{"method": "a", "psnr_db": 31.256}])})
-    texts = Outline(written(tmp_path, [section], {"Parameters": 12500768, "MPSNR": "31 dB", "Seed": 0})).texts
-    assert texts["p"][0] == "one\nline"
-    assert texts["dt"] == ["Parameters", "MPSNR", "Seed"]
-    assert texts["dd"] == ["12,500,768", "31 dB", "0"]
-    assert texts["td"] == ["a", "31.26"]
-
-
 def test_tables_have_readable_headings_and_numbers_to_the_right(tmp_path):
     rows = pd.DataFrame(
         {"method": ["<b>&'", "0012", None], "psnr_db": [31.256, 100.0, None], "flag": [True, False, True]}
@@ -114,11 +105,6 @@ def test_answers_stand_above_crops_and_crops_above_text(tmp_path):
     assert "a_<wbr>&lt;b&gt;</figcaption>" in text
     places = [text.rindex(part) for part in ("an answer", 'alt="a_&lt;b&gt;"', "<figcaption>front", "<p>text", "Other")]
     assert places == sorted(places)
-
-
-@pytest.mark.parametrize(("n_sections", "links"), [(0, 0), (1, 0), (2, 2)])
-def test_several_sections_get_a_contents_list_whose_links_lead_somewhere(tmp_path, n_sections, links):
-    outline = Outline(written(tmp_path, [Section(f"Part {number}") for number in range(n_sections)]))
-    targets = [link["href"].removeprefix("#") for link in outline.all("a")]
-    assert len(targets) == links
-    assert set(targets) <= {section["id"] for section in outline.all("section")}
+    outline = Outline(text)
+    assert [link["href"] for link in outline.all("a")] == [f"#{part['id']}" for part in outline.all("section")]
+    assert "<nav" not in written(tmp_path, [section])

@@ -68,10 +68,6 @@ def test_only_dark_linear_samples_are_brightened(encoding, gain):
     assert brightening(dark(encoding)) == pytest.approx(gain, rel=1e-3)
 
 
-def test_encoded_samples_keep_their_brightness():
-    assert brightening(dataclasses.replace(dark(), is_linear=False)) == 1.0
-
-
 @pytest.mark.parametrize("n_clipped", [0, 3])
 def test_pictures_clip_no_more_than_their_views(n_clipped):
     field = dark(n_clipped=n_clipped)
@@ -118,14 +114,6 @@ def test_pixels_that_no_view_shows_continue_those_around_them(cornered, slope):
     assert torch.equal(shown[0, 0][far], stack[0, 0][far])
 
 
-def test_mean_and_sharp_picture_have_no_black_corners(cornered):
-    slopes = FocalPlanes([0.0, 1.0])
-    stack = OperatorRefocuser("cells", shift_and_sum_through_cells)(cornered, slopes.slopes)
-    light_field = Refocused(cornered, stack, slopes)
-    for image in (light_field.mean, light_field.sharp, *light_field.shown):
-        assert float(image.min()) > 0.15
-
-
 def test_a_stack_without_gaps_stays_as_it_is(cornered):
     stack = torch.rand(1, 1, 60, 80)
     whole = dataclasses.replace(cornered, weight=torch.ones_like(cornered.weight))
@@ -138,12 +126,6 @@ def test_planes_rise_from_the_least_slope_whatever_their_order():
     light_field = Refocused(LightField(torch.rand(1, 1, 3, 20, 24)), stack, FocalPlanes([0.5, -1, 0.5, 0]))
     assert light_field.by_slope == [1, 3, 0]
     assert torch.equal(light_field.sharp, all_in_focus(stack[[1, 3, 0]]).image)
-
-
-def test_without_a_depth_order_smaller_disparities_count_as_nearer_and_the_log_says_so(caplog):
-    light_field = refocused()
-    assert torch.equal(light_field.nearness, -light_field.disparity.disparity)
-    assert "reader.reverse_v=true reader.reverse_u=true" in caplog.text
 
 
 def test_pixels_without_weight_have_confidence_0():

@@ -10,7 +10,7 @@ import torch
 
 import lfref
 from lfref.errors import FileError, InputError
-from lfref.geometry import FocalPlanes, planes_at_alphas
+from lfref.geometry import FocalPlanes
 from lfref.io.read import read_stack
 from lfref.lightfield import LightField
 from lfref.report import disparity_colours, pictures, results
@@ -115,14 +115,6 @@ def test_the_sweep_goes_by_slope_there_and_back(scene, written):
         assert np.abs(frame.to_ndarray() / 255 - expected).mean() == min(errors) < 0.02
 
 
-def test_a_single_plane_is_enough(tmp_path):
-    views = torch.rand(3, 3, 1, 32, 40)
-    refocused = Refocused(LightField(views, "grey"), views.mean((0, 1))[None], planes_at_alphas([1]))
-    results.write_results(tmp_path, refocused, ["all_in_focus", "disparity", "video"])
-    with av.open(str(tmp_path / "sweep.mp4")) as container:
-        assert len(list(container.decode(video=0))) == 1
-
-
 def test_a_flat_scene_has_no_point_and_all_else_is_written(tmp_path):
     views = torch.full((3, 3, 3, 32, 40), 0.5)
     refocused = Refocused(LightField(views, "wall"), views[:1, 0], FocalPlanes([0]))
@@ -160,23 +152,6 @@ def test_colour_is_the_slope_and_opacity_the_confidence_beside_that_of_most(most
         pictures.SHEET_LINE : pictures.SHEET_LINE + height, 2 * pictures.SHEET_GAP + width + pictures.BAR_WIDTH // 2
     ]
     np.testing.assert_allclose(bar[[0, -1]] / 255, disparity_colours.coloured(np.array([[1, 0]]), 0, 1)[0], atol=0.01)
-
-
-def test_the_scale_is_that_of_pixels_of_some_confidence():
-    slopes = torch.full((10, 10), 0.25)
-    slopes[:, 5:] = torch.linspace(-1, 1, 50).reshape(10, 5)
-    slopes[0, 0] = 99
-    confidence = torch.full((10, 10), 0.0)
-    confidence[:, 5:] = 0.9
-    low, high = results.colour_range(slopes.numpy(), confidence.numpy())
-    assert -1 <= low < -0.9
-    assert high < 1.1
-
-
-def test_one_slope_everywhere_can_be_drawn():
-    slopes, confidence = torch.full((4, 5), 0.5), torch.zeros(4, 5)
-    assert results.colour_range(slopes.numpy(), confidence.numpy()) == (0.5, 0.5)
-    assert results.focus_map(slopes, confidence).shape[2] == 3
 
 
 def test_a_few_outliers_do_not_stretch_the_scale_however_sure_they_are():
