@@ -68,15 +68,8 @@ class ViewQuality:
     """Least PSNR of a view, or the best that WebP and JPEG reach; None: PNG, without loss."""
 
     def __post_init__(self) -> None:
-        if not _is_positive(self.most_pixels):
-            raise InputError("views.most_pixels must be a number above 0", got=repr(self.most_pixels))
-        if self.least_db is not None and not _is_positive(self.least_db):
-            raise InputError("views.least_db must be a number above 0, in dB, or null", got=repr(self.least_db))
-
-
-def _is_positive(value: object) -> bool:
-    """Whether a value is a number above 0."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and value > 0
+        if self.most_pixels <= 0 or (self.least_db is not None and self.least_db <= 0):
+            raise InputError("views.most_pixels and views.least_db must be above 0", got=self)
 
 
 class Prediction(NamedTuple):

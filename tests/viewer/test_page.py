@@ -3,23 +3,18 @@
 import base64
 import dataclasses
 import io
-import math
 import re
 
 import numpy as np
 import pytest
 import torch
 
-from lfref import encoding
 from lfref.functional.psnr import psnr
-from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.report.refocused import Refocused
-from lfref.simulator import sim30
-from lfref.simulator.simulate import simulate
-from lfref.viewer import coding, view_page
+from lfref.viewer import view_page
 from tests.viewer import cases
 
 Image = pytest.importorskip("PIL.Image")
@@ -164,17 +159,6 @@ def test_the_page_gives_the_distance_in_focus_where_the_cameras_are_known(browse
     context.close()
 
 
-def test_a_file_that_is_no_picture_or_black_leaves_the_aperture(opened, tmp_path):
-    tab = opened()
-    open_drawer(tab)
-    (tmp_path / "text.png").write_text("no picture")
-    Image.new("L", (8, 8), 0).save(tmp_path / "black.png")
-    for name, message in (("text.png", "text.png is not a picture"), ("black.png", "nothing would be open")):
-        tab.set_input_files("#shape_file", tmp_path / name)
-        tab.wait_for_function("(text) => find('status').textContent.includes(text)", arg=message)
-        assert state(tab)["shape"] == "square"
-
-
 def test_it_opens_sharp_on_the_disc_and_shows_the_best_method(opened):
     tab = opened()
     assert state(tab)["slope"] == pytest.approx(NEAR, abs=0.05)
@@ -204,39 +188,6 @@ def test_blur_is_that_of_cells_at_the_disparity_of_each_pixel(opened):
         assert to_cells > max(48, to_plain + 2)
 
 
-def in_8_bits(light):
-    """Light as a screen shows it."""
-    return encoding.SRGB.decode((255 * encoding.SRGB.encode(light.clamp(0, 1))).round() / 255)
-
-
-@pytest.mark.slow
-def test_the_lens_is_within_one_decibel_of_the_operator(browser, tmp_path):
-    scene, slopes = sim30.SCENES["thicket"], (-3.0, -1.0, 0.2, 0.5, 1.0, 3.0)
-    camera = dataclasses.replace(scene.camera, size=(144, 192))
-    simulated = simulate(dataclasses.replace(scene, camera=camera), slopes=slopes)
-    field = LightField(simulated.views.clamp(0, 1), "thicket")
-    shown = Refocused(field, shift_and_sum_through_cells(field.views, slopes), FocalPlanes(slopes))
-    content = view_page.page_content({"cells": shown}, quality=coding.ViewQuality(math.inf, None))
-    view_page.write(tmp_path / "index.html", "thicket", {}, content)
-    tab = browser.new_context(**WIDE).new_page()
-    tab.goto((tmp_path / "index.html").as_uri())
-    tab.wait_for_function("() => drawing !== null")
-    settle(tab)
-    ours = torch.stack([pixels(tab, slope=slope) for slope in slopes])
-    tab.context.close()
-    operator = in_8_bits(shift_and_sum_through_cells(in_8_bits(field.views), slopes))
-    to_truth = [psnr(inner(stack, 12).double(), inner(simulated.truth, 12).double()) for stack in (ours, operator)]
-    assert (to_truth[0] > to_truth[1] - 1).all(), to_truth
-
-
-def test_a_pinhole_shows_a_view_from_any_viewpoint(opened):
-    tab = opened()
-    field, _ = cases.scene()
-    for x, y, view in ((0, 0, (2, 2)), (2, -1, (1, 4))):
-        shown = pixels(tab, slope=0, aperture=0, x=x, y=y)
-        assert float(psnr(inner(shown), inner(field.views[view].double()))) > 35
-
-
 @pytest.mark.parametrize("fragment", ["", "#plain"])
 def test_views_are_restored_from_their_differences(opened, fragment):
     tab = opened(fragment)
@@ -250,15 +201,6 @@ def test_views_are_restored_from_their_differences(opened, fragment):
         difference = inner(pixels(tab, slope=0, aperture=0, x=x, y=y) - expected).abs()
         assert float(difference.median()) < 0.005
         assert float(difference.square().mean().sqrt()) < 0.01
-
-
-def test_without_webgl_the_processor_sums_the_views(opened):
-    tab = opened("#plain")
-    assert tab.get_attribute("#live", "data-by") == "canvas"
-    field, _ = cases.scene()
-    expected = shift_and_sum(field.views, [0.0])[0].double()
-    coarse = torch.nn.functional.avg_pool2d(expected, 2)
-    assert float(psnr(inner(pixels(tab, slope=0.0)), inner(coarse))) > 30
 
 
 def test_samples_without_weight_leave_no_shadow(browser, tmp_path):
@@ -356,16 +298,6 @@ def test_a_tap_on_unknown_disparity_keeps_the_focus(opened):
     assert "unknown" in tab.inner_text("#status")
 
 
-def test_a_tap_hits_what_is_seen_in_an_enlarged_picture(opened):
-    tab = opened()
-    tab.mouse.move(300, 300)
-    tab.mouse.wheel(0, -500)
-    settle(tab)
-    assert state(tab)["zoom"] > 2
-    tap(tab, 0.2, 0.25)
-    assert state(tab)["slope"] == pytest.approx(FAR, abs=0.05)
-
-
 # Gestures.
 
 
@@ -398,18 +330,6 @@ def test_shift_tilts_and_control_moves_the_enlarged_picture(opened):
     assert state(tab)["tiltX"] == tilted["tiltX"]
 
 
-def test_the_wheel_zooms_about_the_pointer_and_not_beyond_the_edge(opened):
-    tab = opened()
-    tab.mouse.move(500, 300)
-    at = tab.evaluate("() => pointUnder(currentBox(), 500, 300)")
-    tab.mouse.wheel(0, -600)
-    settle(tab)
-    assert tab.evaluate("() => pointUnder(currentBox(), 500, 300)") == pytest.approx(at, abs=1e-3)
-    tab.mouse.wheel(0, 5000)
-    settle(tab)
-    assert state(tab)["zoom"] == 1
-
-
 def test_two_fingers_zoom(opened):
     tab = opened(viewport={"width": 390, "height": 844}, has_touch=True)
     session = tab.context.new_cdp_session(tab)
@@ -425,25 +345,6 @@ def test_two_fingers_zoom(opened):
     settle(tab)
     assert state(tab)["zoom"] == pytest.approx(2, rel=0.05)
     assert state(tab)["slope"] == pytest.approx(NEAR, abs=0.05), "a pinch is no tap"
-
-
-def test_a_finger_focuses_on_a_telephone(opened):
-    tab = opened(viewport={"width": 390, "height": 844}, has_touch=True)
-    assert tab.evaluate("() => document.documentElement.scrollWidth") <= 390
-    tab.touchscreen.tap(*in_window(tab, 0.06, 0.12))
-    settle(tab)
-    assert state(tab)["slope"] == pytest.approx(FAR, abs=0.05)
-
-
-def test_a_tilted_telephone_looks_around(opened):
-    tab = opened(reduced_motion="no-preference", fragment="#f=0")
-    for gamma in (0, 10):
-        tab.evaluate(
-            "(gamma) => dispatchEvent(new DeviceOrientationEvent('deviceorientation', { alpha: 0, beta: 40, gamma }))",
-            gamma,
-        )
-    settle(tab)
-    assert state(tab)["x"] == pytest.approx(1.0, abs=0.01)
 
 
 # Keys and sliders.
@@ -476,51 +377,6 @@ def test_every_key_does_what_the_page_says(opened):
     stage.press("Enter")
     settle(tab)
     assert lens()["slope"] == pytest.approx(NEAR, abs=0.05), "the middle of the picture"
-
-
-def test_sliders_and_state_mirror_each_other(opened):
-    tab = opened()
-    tab.locator("#focus").fill("0")
-    tab.locator("#aperture").fill("1")
-    settle(tab)
-    assert tab.evaluate("() => [lens.slope, lens.aperture]") == [-1, 1]
-    tab.locator("#stage").press("Home")
-    settle(tab)
-    assert tab.input_value("#focus") == "1"
-    assert "slope 1.00" in tab.get_attribute("#focus", "aria-valuetext")
-
-
-def test_a_sweep_goes_from_near_to_far_until_it_is_stopped(opened):
-    tab = opened()
-    open_drawer(tab)
-    tab.click("#sweep")
-    slopes = set()
-    for _ in range(200):
-        tab.wait_for_timeout(30)
-        slopes.add(round(tab.evaluate("() => lens.slope"), 1))
-        if min(slopes) <= -0.9 and max(slopes) >= 0.9:
-            break
-    assert len(slopes) > 5
-    tab.click("#sweep")
-    still = tab.evaluate("() => lens.slope")
-    tab.wait_for_timeout(300)
-    assert tab.evaluate("() => lens.slope") == still
-
-
-def test_many_events_of_a_slider_are_one_drawing_a_frame(opened):
-    tab = opened()
-    tab.evaluate(
-        """() => {
-          globalThis.drawn = 0;
-          const draw = drawing.draw;
-          drawing.draw = (...words) => { drawn++; draw(...words); };
-          const slider = find("focus");
-          for (let k = 0; k < 100; k++) { slider.value = k / 99; slider.dispatchEvent(new Event("input")); }
-        }"""
-    )
-    settle(tab)
-    assert tab.evaluate("() => drawn") <= 2, "one while it moves, and one at rest"
-    assert tab.evaluate("() => lens.slope") == 1
 
 
 # The drawer.
@@ -575,25 +431,6 @@ def test_the_picture_is_saved_in_its_own_pixels_with_its_focus_in_the_name(opene
     assert np.abs(picture - encoded).max() < 0.01
 
 
-def test_a_loop_is_saved_as_a_video(opened):
-    tab = opened()
-    open_drawer(tab)
-    with tab.expect_download(timeout=30_000) as waiting:
-        tab.click("#loop")
-    assert waiting.value.suggested_filename.rpartition(".")[2] in ("mp4", "webm")
-    assert waiting.value.path().stat().st_size > 10_000
-
-
-def test_the_drawer_opens_beside_the_picture_and_gives_the_focus_back(opened):
-    tab = opened()
-    open_drawer(tab)
-    stage, drawer = (tab.locator(name).bounding_box() for name in ("#stage", "#drawer"))
-    assert stage["x"] + stage["width"] <= drawer["x"] + 1
-    tab.keyboard.press("Escape")
-    assert tab.locator("#drawer").is_hidden()
-    assert tab.evaluate("() => document.activeElement.id") == "more"
-
-
 # The address, and a page around this one.
 
 
@@ -627,25 +464,6 @@ def test_an_embedded_page_shows_the_picture_alone_and_listens(browser, path, tmp
 
 
 # For everybody.
-
-
-def test_it_shows_what_it_can_do_once_unless_motion_is_unwanted(opened):
-    tab = opened(reduced_motion="no-preference")
-    assert "Tap to focus" in tab.inner_text("#status")
-    assert tab.evaluate("() => performance.now()") > 2000, "the first breath takes two seconds"
-    assert tab.evaluate("() => [lens.x, lens.slope - WHOLE.slope]") == [0, 0]
-    still = opened()
-    assert still.inner_text("#status") == ""
-    still.mouse.click(*in_window(still, 0.06, 0.12))
-    still.wait_for_function(f"() => Math.abs(lens.slope - {FAR}) < 0.05", timeout=2000)
-
-
-def test_full_screen_and_back(opened):
-    tab = opened()
-    for is_full in (True, False):
-        tab.click("#full")
-        tab.wait_for_function(f"() => (document.fullscreenElement !== null) === {str(is_full).lower()}")
-        assert tab.evaluate("() => stage.clientWidth") > 0
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -707,17 +525,6 @@ def test_a_large_page_loads_its_pictures_from_the_folder_beside_it(browser, in_p
     assert state(tab)["by"] == "sharp"
     assert messages == []
     assert len(in_parts.read_text()) < 300_000
-    tab.context.close()
-
-
-def test_a_large_page_says_which_picture_is_missing(browser, in_parts):
-    for picture in (in_parts.parent / "index_pictures").iterdir():
-        picture.unlink()
-    tab = browser.new_context(**WIDE).new_page()
-    tab.goto(in_parts.as_uri())
-    tab.wait_for_function("() => find('status').textContent.includes('is missing')")
-    assert "belongs beside this page" in tab.locator("#status").text_content()
-    tab.wait_for_function("() => stage.dataset.by === 'plane'")  # the first picture is in the page itself
     tab.context.close()
 
 
