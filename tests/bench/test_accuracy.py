@@ -3,8 +3,6 @@
 import pandas as pd
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from skimage import color
 
 from lfref.bench import accuracy
@@ -12,8 +10,7 @@ from lfref.bench.accuracy import DisplayedStack, colour_difference, delta_e_2000
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
-from lfref.geometry import FocalPlanes, planes_at_alphas
-from lfref.refocus.shift.shift_and_sum import coverage
+from lfref.geometry import planes_at_alphas
 
 PLANES = planes_at_alphas((0.5, 2.0))  # slopes -1 and 0.5
 
@@ -26,17 +23,6 @@ def stack_off_by(*differences):
 GREY = stack_off_by(0, 0)
 
 
-@pytest.mark.parametrize(
-    ("slopes", "grid", "margin"), [([0.0], (7, 7), 0), ([-1.0, 0.5], (7, 7), 3), ([0.5], (2, 5), 1)]
-)
-def test_every_view_covers_the_interior_at_every_plane(slopes, grid, margin):
-    stack = torch.arange(20.0 * 22).reshape(1, 1, 20, 22)
-    inner = accuracy.interior(stack, torch.tensor(slopes), grid)
-    assert torch.equal(inner, stack[..., margin : 20 - margin, margin : 22 - margin])
-    covered = accuracy.interior(coverage(slopes, grid, (20, 22))[:, None], torch.tensor(slopes), grid)
-    assert float(covered.min()) == pytest.approx(1)
-
-
 def test_there_is_a_row_for_every_plane_of_every_method_and_reference():
     stacks = {"same": GREY, "off": stack_off_by(0.1, 0.01)}
     rows = pd.DataFrame(accuracy.plane_rows("field", stacks, {"one": GREY, "two": GREY}, PLANES))
@@ -45,11 +31,6 @@ def test_there_is_a_row_for_every_plane_of_every_method_and_reference():
     ]
     assert rows["psnr_db"].tolist() == pytest.approx([100] * 4 + [20, 40] * 2, abs=1e-4)
     assert rows["ssim"].tolist() == pytest.approx([1] * 4 + ssim(stacks["off"], GREY).tolist() * 2)
-
-
-def test_planes_given_as_slopes_have_no_alpha():
-    rows = list(accuracy.plane_rows("field", {"a": GREY}, {"b": GREY}, FocalPlanes([-1, 0.5])))
-    assert [(row["alpha"], row["slope"]) for row in rows] == [(None, -1.0), (None, 0.5)]
 
 
 def test_a_colour_error_is_that_of_the_means_of_the_channels_and_black_ones_do_not_count():
@@ -109,14 +90,6 @@ def test_the_share_explained_is_of_sums_of_squared_errors_without_slope_0():
     assert both == pytest.approx([1 - 0.211 / 0.13, 1 - 0.101 / 0.02, 0.9])
 
 
-def test_interior_errors_are_the_mean_psnr_and_the_largest_difference():
-    reference = torch.rand(2, 3, 16, 16)
-    stack = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
-    stack[..., 0, :] = stack[..., -1] = 9  # outside of the interior
-    errors = accuracy.interior_errors(stack, reference, PLANES.slopes, (3, 3))
-    assert errors == {"psnr_db": pytest.approx(30, abs=1e-3), "max_error": pytest.approx(0.1)}
-
-
 def test_measures_of_every_plane_in_the_interior_and_the_whole_frame():
     reference = torch.rand(2, 3, 24, 30)
     stack = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
@@ -129,13 +102,6 @@ def test_measures_of_every_plane_in_the_interior_and_the_whole_frame():
         assert measures[f"{area}delta_e"] == pytest.approx(colour_difference(one, other).mean((-2, -1)).tolist())
         assert measures[f"{area}brightness"] == pytest.approx((one.mean((1, 2, 3)) / other.mean((1, 2, 3))).tolist())
     assert measures["psnr_db"] == pytest.approx([20, 40], abs=1e-3)
-
-
-def test_colours_are_compared_in_linear_light_and_psnr_of_encoded_pictures():
-    encoded, linear = torch.rand(2, 3, 12, 12), torch.rand(2, 3, 12, 12)
-    measures = accuracy.plane_measures(DisplayedStack(encoded, linear), DisplayedStack(encoded, linear / 2), margin=0)
-    assert measures["psnr_db"] == measures["whole_psnr_db"] == [100, 100]
-    assert measures["delta_e"] == pytest.approx(colour_difference(linear, linear / 2).mean((-2, -1)).tolist())
 
 
 def test_a_border_that_leaves_less_than_8_pixels_is_refused():
@@ -183,11 +149,6 @@ PAIRS = (
 )
 
 
-def colour(*values):
-    """One pixel, [3, 1, 1]."""
-    return torch.tensor(values, dtype=torch.float64)[:, None, None]
-
-
 def test_delta_e_of_the_published_pairs():
     first, second, differences = (torch.tensor(column, dtype=torch.float64) for column in zip(*PAIRS, strict=True))
     for one, other in ((first, second), (second, first)):
@@ -206,30 +167,3 @@ def test_delta_e_agrees_with_another_library():
     difference = torch.from_numpy(color.deltaE_ciede2000(*theirs))
     torch.testing.assert_close(colour_difference(one, other), difference, atol=0.03, rtol=0)
     torch.testing.assert_close(colour_difference(one.float(), other.float()).double(), difference, atol=0.03, rtol=0)
-
-
-@given(st.lists(st.floats(0, 1, width=32), min_size=6, max_size=6))
-def test_delta_e_is_symmetric_and_zero_for_equal_colours(values):
-    one, other = colour(*values[:3]), colour(*values[3:])
-    difference = colour_difference(one, other)
-    assert bool((difference >= 0).all())
-    torch.testing.assert_close(colour_difference(other, one), difference, atol=1e-9, rtol=0)
-    assert float(colour_difference(one, one)) == 0
-
-
-def test_greys_have_no_colour_and_their_lightness_is_the_cube_root():
-    levels = torch.tensor([1.0, 0.5, 0.01, 0.001], dtype=torch.float64)
-    values = lab(levels.expand(3, 1, 4))
-    torch.testing.assert_close(values[1:], torch.zeros(2, 1, 4, dtype=torch.float64), atol=1e-9, rtol=0)
-    expected = torch.tensor([100, 116 * 0.5 ** (1 / 3) - 16, 116 * 0.01 ** (1 / 3) - 16, 903.2963 * 0.001])
-    torch.testing.assert_close(values[0, 0].float(), expected)
-
-
-def test_colours_outside_of_the_screen_are_clipped():
-    assert float(colour_difference(colour(8.0, 7.0, 6.0), colour(1.0, 1.0, 1.0))) == 0
-    assert float(colour_difference(colour(-1.0, 0.0, 0.0), colour(0.0, 0.0, 0.0))) == 0
-
-
-def test_delta_e_needs_three_channels():
-    with pytest.raises(InputError):
-        colour_difference(torch.rand(1, 4, 4), torch.rand(1, 4, 4))

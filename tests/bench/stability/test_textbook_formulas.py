@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from lfref.bench.stability import catalogue, components
+from lfref.bench.stability import catalogue
 from lfref.bench.stability import reference_formulas as reference
 from lfref.bench.stability import textbook_formulas as textbook
 from lfref.nets.blocks import NORMALIZATIONS
@@ -13,16 +13,10 @@ PAIR = catalogue.IMAGES[0].make(torch.float32)
 FIELD = catalogue.FIELDS[0].make(torch.float32)
 
 
-@pytest.mark.parametrize("name", ["mse", "l1", "psnr", "inverse_psnr", "one_minus_ssim", "ssim", "composite"])
+@pytest.mark.parametrize("name", ["mse", "l1", "psnr", "inverse_psnr", "one_minus_ssim", "composite"])
 def test_image_formulas_are_right_on_benign_images(name):
     right = getattr(reference, name)(*(image.double() for image in PAIR))
     torch.testing.assert_close(getattr(textbook, name)(*PAIR).double(), right, rtol=1e-4, atol=1e-6)
-
-
-@pytest.mark.parametrize("name", textbook.SSIMS)
-def test_every_ssim_that_is_installed_is_ssim(name):
-    right = reference.one_minus_ssim(*(image.double() for image in PAIR))
-    torch.testing.assert_close(textbook.SSIMS[name](*PAIR).double(), right, rtol=1e-4, atol=1e-6)
 
 
 def test_operators_are_right_on_benign_views():
@@ -30,16 +24,6 @@ def test_operators_are_right_on_benign_views():
     linear = reference.refocused(*exact, interpolation="linear", border="edge")
     torch.testing.assert_close(textbook.grid_sample(*FIELD).double(), linear, atol=1e-5, rtol=0)
     torch.testing.assert_close(textbook.phase_ramps(*FIELD).double(), reference.refocused(*exact), atol=1e-5, rtol=0)
-
-
-def test_a_slice_without_compensation_is_a_picture_of_another_brightness():
-    stack, right = (
-        textbook.slice_without_compensation(*FIELD).double(),
-        reference.refocused(*(part.double() for part in FIELD)),
-    )
-    ratio = float(stack.mean() / right.mean())
-    assert 0.5 < ratio < 0.97
-    assert float((stack / ratio - right).abs().max()) < 0.2
 
 
 def test_what_breaks_textbook_forms_breaks_them():
@@ -60,11 +44,3 @@ def test_standardising_is_pytorchs_norm_but_for_the_constant(name):
     assert not any(type(module) in textbook.REPLACEMENTS for module in other.modules())
     torch.testing.assert_close(other(features), norm(features), atol=1e-3, rtol=1e-3)
     assert bool(other(torch.ones(2, 8, 3, 3)).isnan().any())
-
-
-def test_a_network_with_textbook_layers_is_nearly_the_same_on_benign_views():
-    views = catalogue.NETWORK_VIEWS[0].make(torch.float32)[0]
-    first, second = components.network(), textbook.with_textbook_layers(components.network())
-    assert any(isinstance(module, textbook.Softplus) for module in second.modules())
-    with torch.no_grad():
-        assert float((first(views) - second(views)).abs().mean()) < 0.05 * float(first(views).max())

@@ -63,9 +63,8 @@ def test_the_error_is_measured_and_a_gradient_that_is_not_finite_named():
     row = first_row(lambda x: double(x) + 0.2)
     assert row["error"] == pytest.approx(0.2, rel=1e-6)
     assert row["times_allowed"] == pytest.approx(2, rel=1e-6)
-    assert row["gradient"] == "finite"
     row = first_row(lambda x: double(x) + (x - x.detach()).abs().sqrt().sum(1))
-    assert (row["error"], row["gradient"], row["not_finite"]) == (0, "not finite", 6)
+    assert (row["error"], row["not_finite"]) == (0, 6)
     assert first_row(Crash())["note"] == "RuntimeError: two lines"
 
 
@@ -86,7 +85,7 @@ def test_a_gradient_may_be_nan_only_where_the_image_is():
     def mixing(x):
         return double(x) + 0 * (x[:1] * x).nan_to_num(0).sum()
 
-    assert first_row(mixing, with_nan, Demand.VISIBLE)["gradient"] == "not finite"
+    assert first_row(mixing, with_nan, Demand.VISIBLE)["outcome"] == "not finite"
 
 
 def test_refusing_is_right_where_it_is_demanded():
@@ -105,40 +104,8 @@ def test_formulations_of_another_definition_only_have_to_stay_finite():
     assert first_row(lambda x: double(x) / 0, without_reference=(OURS,))["outcome"] == "not finite"
 
 
-def test_large_cases_are_tried_less_often_and_not_by_all():
-    case = HardCase("large", lambda dtype: (torch.ones(2, 3, dtype=dtype),), is_large=True)
-    make = lambda takes: Component("sum", {OURS: double}, double, lambda right, *_: right, (case,), takes)  # noqa: E731
-    assert [row["precision"] for row in trials.run_trials([make(True)])] == list(trials.FOR_LARGE)
-    assert list(trials.run_trials([make(False)])) == []
-
-
 def test_networks_are_copied_converted_and_differentiated_by_their_weights():
     network = nn.Linear(3, 1)
-    result = trials.run_formulation(network, (torch.ones(2, 3, dtype=torch.bfloat16),), PRECISIONS["bfloat16"])
+    _, gradient = trials.run_formulation(network, (torch.ones(2, 3, dtype=torch.bfloat16),), PRECISIONS["bfloat16"])
     assert network.weight.dtype == torch.float32
-    assert result.gradient is not None
-    assert result.gradient.shape == (1, 2 * 3 + 3 + 1)
-
-
-def test_autocast_is_on_where_it_should_be():
-    log = []
-    for name in PRECISIONS:
-        with torch.no_grad():
-            trials.run_formulation(
-                lambda x: (log.append(torch.is_autocast_enabled("cpu")), x)[1],
-                (torch.ones(1),),
-                PRECISIONS[name],
-                False,
-            )
-    assert log == ["autocast" in name for name in PRECISIONS]
-
-
-def test_both_ways_of_an_operator_are_run():
-    log = []
-
-    def operator(x):
-        log.append(x.requires_grad)
-        return x
-
-    trials.run_formulation(operator, (torch.ones(2),), FLOAT32, has_inference_path=True)
-    assert log == [True, False]
+    assert gradient.shape == (1, 2 * 3 + 3 + 1)
