@@ -69,7 +69,7 @@ class ViewQuality:
 
     def __post_init__(self) -> None:
         if self.most_pixels <= 0 or (self.least_db is not None and self.least_db <= 0):
-            raise InputError("most_pixels and least_db must be above 0", got=self)
+            raise InputError("page_quality.most_pixels and page_quality.least_db must be above 0", got=self)
 
 
 class Prediction(NamedTuple):
