@@ -17,7 +17,7 @@ from torch import Tensor
 import lfref
 from lfref.bench.evaluation import IDEAL
 from lfref.bench.timing import FFT
-from lfref.report import disparity_colours, plots, tables
+from lfref.report import pictures, plots, tables
 from lfref.simulator import sim30
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "figures"
@@ -72,7 +72,7 @@ def disparity() -> Figure:
         ("disparity_map", estimate.disparity),
         ("truth", truth),
     ]
-    style = {"vmin": scenes.FAR, "vmax": scenes.NEAR, "cmap": disparity_colours.MAP}
+    style = {"vmin": scenes.FAR, "vmax": scenes.NEAR, "cmap": pictures.MAP}
     return sheets.sheet(cells, bar="disparity, px per view step", **style)
 
 

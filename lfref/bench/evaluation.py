@@ -107,13 +107,7 @@ def scene_cases(
     """Scenes with their truth: each scene without its sensor; a scene that has one also with it, and corrected.
 
     With a sensor, the truth is developed as the views are: its exposure, clipping, colours and tone curve are no errors
-    of refocusing.
-
-    Args:
-        scenes: Scenes of any grid and size.
-        slopes: Slopes in pixels per view step, [N].
-        device: Where views and truth go.
-        correction: One of `CORRECTIONS`.
+    of refocusing. The correction is one of `CORRECTIONS`.
     """
     for scene in scenes:
         ideal = ideal_case(scene, slopes, device)
@@ -155,11 +149,7 @@ class AxisSplit(NamedTuple):
 
 
 def split_axis(n_views: int, step: int) -> AxisSplit:
-    """Keep every `step`-th view of an axis, as many as possible, so that sparse and dense views have the same centre.
-
-    Raises:
-        InputError: Fewer than two views are left.
-    """
+    """Keep every `step`-th view of an axis, as many as possible; sparse and dense views have the same centre."""
     n_sparse = (n_views - 1) // step + 1
     if step < 2 or n_sparse < 2:
         expected = "every second view or fewer must be kept, and two at least"
@@ -176,13 +166,7 @@ def split_axis(n_views: int, step: int) -> AxisSplit:
 def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> Iterator[EvaluationCase]:
     """Every `step`-th view of captures along both axes; the reference is the dense integral of all views.
 
-    Args:
-        fields: Captures with many views, linear, on the device of the computation.
-        step: Number of view steps from one kept view to the next, at least 2.
-        slopes: Slopes in pixels per step of the sparse views, [N].
-
-    Raises:
-        InputError: There are too few views.
+    Slopes [N] are in pixels per step of the sparse views.
     """
     integral = OperatorRefocuser(DENSE, dense_integral)
     for field in fields:
@@ -233,9 +217,6 @@ def evaluate(
 
     Yields:
         Rows `class, scene, method, reference, alpha, slope` and `COLUMNS`, one per plane.
-
-    Raises:
-        InputError: The border leaves no interior.
     """
     for case in cases:
         accuracy.check_margin(margin, case.light.size)
@@ -248,12 +229,8 @@ def evaluate(
             stack = case.displayed(case.stack(method, own.slopes))
             measures = accuracy.plane_measures(stack, reference, margin)
             measures["exact_psnr_db"] = psnr(stack.inside(margin).encoded, exact).tolist()
-            names = {
-                "class": case.kind,
-                "scene": case.light.name,
-                "method": method.name,
-                "reference": case.reference_name,
-            }
+            names = {"class": case.kind, "scene": case.light.name, "method": method.name}
+            names["reference"] = case.reference_name
             for plane, *values in zip(accuracy.plane_names(own), *measures.values(), strict=True):
                 yield names | plane | dict(zip(measures, values, strict=True))
 

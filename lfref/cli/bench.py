@@ -305,7 +305,7 @@ def stability(config: DictConfig, folder: Path) -> None:
     rows = list(trials.run_trials(progress(components, "trying hard cases")))
     torch.set_num_threads(n_threads)
     tables.write_table(folder / "stability.csv", rows)
-    n_held = sum(row["holds"] == "yes" for row in rows if row["formulation"] == trials.OURS)
+    n_held = sum(row["outcome"] == "holds" for row in rows if row["formulation"] == trials.OURS)
     facts = timing.facts(torch.device("cpu"))
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
     shown = [row for row in rows if row["component"] in SHOWN] or rows

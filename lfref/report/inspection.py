@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from lfref.captures.inspect import Inspection
 from lfref.lightfield import LightField
-from lfref.report import disparity_colours, drawing, pictures, tables
+from lfref.report import drawing, pictures, tables
 from lfref.report.refocused import brightening
 
 
@@ -48,7 +48,7 @@ def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int], gain: 
 def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
     values, opacity = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
     low, high = inspection.slopes or (float(values.min()), float(values.max()))
-    look: dict[str, Any] = {"cmap": disparity_colours.MAP, "vmin": low, "vmax": max(high, low + 0.01)}
+    look: dict[str, Any] = {"cmap": pictures.MAP, "vmin": low, "vmax": max(high, low + 0.01)}
     # The map is drawn twice, first invisibly: the colour bar of a half transparent picture would be pale too.
     shown = axes.imshow(values, alpha=0 * opacity, **look)
     bar = axes.figure.colorbar(shown, ax=axes, pad=0.02)
@@ -80,15 +80,10 @@ def _draw_slopes(axes: Axes, inspection: Inspection) -> None:
     if inspection.slopes is None or not sure.size:
         axes.set_title("too little parallax to measure", fontsize=9, loc="left")
         return
-    low, high = inspection.slopes
+    (low, high), planes = inspection.slopes, inspection.planes.values
     margin = max(0.15 * (high - low), 0.05)
     shares = np.full(sure.size, 1 / sure.size)
     axes.hist(sure, bins=80, range=(low - margin, high + margin), weights=shares, color=drawing.BLUE)
     axes.axvspan(low, high, color=drawing.ORANGE, alpha=0.12)
-    for end in (low, high):
-        axes.axvline(end, color=drawing.ORANGE, linewidth=1.2)
-    axes.plot(
-        inspection.planes.values, [0] * len(inspection.planes), "^", color=drawing.BLACK, markersize=4, clip_on=False
-    )
-    axes.set_xlim(min(low - margin, *inspection.planes.values), max(high + margin, *inspection.planes.values))
+    axes.plot(planes, [0] * len(planes), "^", color=drawing.BLACK, markersize=4, clip_on=False)
     axes.set_title(f"range {low:.3g} to {high:.3g} (shaded); \N{BLACK UP-POINTING TRIANGLE} planes=auto", fontsize=9)

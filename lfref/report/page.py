@@ -12,7 +12,6 @@ from pathlib import Path
 
 import jinja2
 import pandas as pd
-from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from lfref.io import atomic
@@ -61,8 +60,8 @@ def write_page(
         undefined=jinja2.StrictUndefined,
     )
     page.filters |= {"heading": tables.heading, "cell": lambda value, column="": tables.format_cell(column, value)}
-    page.filters |= {"png": _png, "breakable": _breakable}
-    page.tests |= {"numeric": _is_numeric}
+    page.filters["png"] = _png
+    page.tests["numeric"] = _is_numeric
     text = page.get_template("page.html").render(title=title, text=text, sections=sections, facts=facts)
     atomic.write_text(Path(path), text.lstrip() + "\n")
 
@@ -70,11 +69,6 @@ def write_page(
 def _is_numeric(column: pd.Series) -> bool:
     is_number = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
     return is_number and column.name not in tables.NAMES
-
-
-def _breakable(text: str) -> Markup:
-    """Text that may be broken after underscores."""
-    return Markup(escape(text).replace("_", Markup("_<wbr>")))
 
 
 def _png(picture: Figure | Path) -> dict[str, object]:

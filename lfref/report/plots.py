@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from torch import Tensor
 
 from lfref.bench.timing import FFT
@@ -26,16 +26,10 @@ LOSS_TERMS = {  # column of Lightning's metrics.csv: name, colour, line width
     "train/inverse_psnr": ("1/PSNR term", CYAN, 1.2),
     "val/loss": ("total, validation", RED, 1.8),
 }
-BY_PLANE = "val/mpsnr_plane/"
-"""Beginning of the columns of metrics.csv with the MPSNR of a plane, such as `val/mpsnr_plane/alpha_0.5`."""
 
 
 def training_curves(metrics: pd.DataFrame) -> Figure:
-    """The loss with its terms, and validation MPSNR and MSSIM.
-
-    Args:
-        metrics: Lightning's metrics.csv: columns `step`, `val/mpsnr`, `val/mssim`, and those of the logged losses.
-    """
+    """The loss with its terms, and validation MPSNR and MSSIM, of Lightning's metrics.csv."""
     figure = new_figure(9, 4.8)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1))
     losses, rise, similarity = (figure.add_subplot(part) for part in (grid[:, 0], grid[0, 1], grid[1, 1]))
@@ -46,7 +40,7 @@ def training_curves(metrics: pd.DataFrame) -> Figure:
     figure.legend(loc="outside lower left", ncols=len(LOSS_TERMS), frameon=False, fontsize=9)
     style_axes(losses, "Optimiser step", "Loss (log scale)", "Loss and its terms")
 
-    values = tables.with_numbers(metrics, "val/mpsnr")["val/mpsnr"]
+    values = metrics["val/mpsnr"].dropna()
     first, best, last = values.iloc[0], values.max(), values.iloc[-1]
     _draw_steps(rise, metrics, "val/mpsnr", color=BLUE)
     rise.axhline(first, color=GREY, linestyle="--", linewidth=1)
@@ -58,53 +52,8 @@ def training_curves(metrics: pd.DataFrame) -> Figure:
 
 
 def _draw_steps(axes: Axes, metrics: pd.DataFrame, column: str, **style: Any) -> None:
-    rows = tables.with_numbers(metrics, "step", column)
+    rows = metrics.dropna(subset=["step", column])
     axes.plot(rows["step"], rows[column], marker="o" if len(rows) < 40 else "", markersize=3.5, **style)
-
-
-def validation_by_plane(metrics: pd.DataFrame) -> Figure | None:
-    """MPSNR of each plane at the first, the best and the last validation; None if the planes were not logged.
-
-    Args:
-        metrics: Lightning's metrics.csv: columns `step`, `val/mpsnr`, and one for each plane.
-    """
-    columns = [column for column in metrics if column.startswith(BY_PLANE)]
-    rows = tables.with_numbers(metrics, "val/mpsnr", *columns)
-    if rows.empty or not columns:
-        return None
-    quantity = columns[0].removeprefix(BY_PLANE).partition("_")[0]
-    places = [float(column.rpartition("_")[2]) for column in columns]
-    figure = new_figure(9, 3.4)
-    axes = figure.add_subplot()
-    shown = {"first": rows.iloc[0], "last": rows.iloc[-1], "best": rows.loc[rows["val/mpsnr"].idxmax()]}
-    for (name, row), colour in zip(shown.items(), (GREY, ORANGE, BLUE), strict=True):
-        label = f"{name}, step {row['step']:.0f}"
-        axes.plot(places, row[columns].astype(float), "o-", color=colour, markersize=4, linewidth=1.3, label=label)
-    axes.legend(frameon=False, fontsize=9)
-    style_axes(axes, tables.heading(quantity), "MPSNR (dB)", "Validation MPSNR by plane")
-    return figure
-
-
-def sweep_curves(validations: pd.DataFrame, reference: str) -> Figure:
-    """Validation MPSNR by step: a panel for each variant but the reference, which every panel shows in grey.
-
-    Args:
-        validations: Columns `variant`, `seed`, `step`, `val/mpsnr`; a row per validation of a run.
-        reference: The variant to compare with.
-    """
-    by_variant = {str(name): _over_seeds(group) for name, group in validations.groupby("variant", sort=False)}
-    shown = [name for name in by_variant if name != reference] or [reference]
-    figure = new_figure(9, 0.5 + 2.4 * math.ceil(len(shown) / 3))
-    for axes, name in zip(_panels(figure, len(shown), 3), shown, strict=True):
-        for each, colour in {reference: GREY, name: BLUE}.items():
-            band = by_variant[each]
-            axes.fill_between(band.index, band["min"], band["max"], color=colour, alpha=0.2, linewidth=0)
-            marker = "o" if len(band) < 20 else ""
-            axes.plot(band.index, band["mean"], color=colour, marker=marker, markersize=3, linewidth=1.4)
-        style_axes(axes, "Optimiser step", "MPSNR (dB)", tables.plot_text(name, 34))
-        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-        axes.label_outer()
-    return figure
 
 
 def _panels(figure: FigureBase, n: int, n_columns: int) -> list[Axes]:
@@ -115,22 +64,11 @@ def _panels(figure: FigureBase, n: int, n_columns: int) -> list[Axes]:
     return list(grid[:n])
 
 
-def _over_seeds(rows: pd.DataFrame) -> pd.DataFrame:
-    """Mean, least and most of the seeds at the steps that all of them have; at all steps if there are none."""
-    statistics = rows.groupby("step")["val/mpsnr"].agg(["mean", "min", "max", "count"])
-    complete = statistics[statistics["count"] == rows["seed"].nunique()]
-    return statistics if complete.empty else complete
-
-
 def by_plane(planes: pd.DataFrame, columns: Iterable[str] = ("psnr_db",)) -> Figure:
     """Scores against alpha, or slope if a plane has no alpha: a part per class, reference and score, a line per method.
 
     More lines than a reader can follow get a panel each, in which all others are grey. A line is the mean over light
-    fields; a method is left out where it is its own reference.
-
-    Args:
-        planes: Columns `method`, `reference`, `alpha`, `slope`, the scores, and `class` if there are classes.
-        columns: Scores.
+    fields; a method is left out where it is its own reference. `class` is a column if there are classes.
     """
     rows, place = tables.judged_by_others(planes), tables.plane_axis(planes)
     groups = list(rows.groupby([*(["class"] if "class" in rows else []), "reference"], sort=False))
@@ -177,9 +115,6 @@ def scatter(summary: pd.DataFrame) -> Figure:
     """The paper's figure: MPSNR against MSSIM, a point per light field, coloured by reference, shaped by method.
 
     A method is left out where it is its own reference.
-
-    Args:
-        summary: Summary of an evaluation: columns `method`, `reference`, `mpsnr_db`, `mssim`.
     """
     rows = tables.capped(tables.judged_by_others(summary), "mpsnr_db")
     methods, references = (rows[name].unique().tolist() for name in ("method", "reference"))
@@ -207,7 +142,7 @@ def front(rows: pd.DataFrame) -> Figure:
             class, and a row of method `FFT`, whose time is the unit.
     """
     unit = float(rows.loc[rows["method"] == FFT, "median_s"].iloc[0])
-    methods = tables.with_numbers(tables.judged_by_others(tables.capped(rows, "psnr_db")), "median_s", "psnr_db")
+    methods = tables.judged_by_others(tables.capped(rows, "psnr_db")).dropna(subset=["median_s", "psnr_db"])
     times = methods[["median_s", "p10_s", "p90_s"]] / unit
     classes = list(methods.assign(**times).groupby(["class", "reference"], sort=False))
     figure = new_figure(9, 5.4 * len(classes))
@@ -238,7 +173,7 @@ def front(rows: pd.DataFrame) -> Figure:
 def has_front(rows: pd.DataFrame) -> bool:
     """Whether a class is plotted: of one light field a table says all, and a method is not judged by itself."""
     several = "scenes" not in rows or bool((rows["scenes"] > 1).any())
-    return several and not tables.with_numbers(tables.judged_by_others(rows), "median_s", "psnr_db").empty
+    return several and not tables.judged_by_others(rows).dropna(subset=["median_s", "psnr_db"]).empty
 
 
 def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = None) -> Figure:

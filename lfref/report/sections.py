@@ -33,14 +33,7 @@ EXPLAINED = (
 
 
 def sections(folders: Sequence[Path]) -> list[Section]:
-    """One section per kind of result in the run folders, in their order.
-
-    Args:
-        folders: Run folders of `lfref train`, `eval`, `refocus`, `bench`, or of a multirun of trainings.
-
-    Raises:
-        FileError: A folder holds no results, or a table that cannot be read.
-    """
+    """One section per kind of result in run folders of `train`, `eval`, `refocus`, `bench`, or a multirun."""
     result = []
     for folder in folders:
         makers = dict.fromkeys(make for pattern, make in MAKERS.items() if any(folder.glob(pattern)))
@@ -63,8 +56,6 @@ def training(folder: Path) -> Section:
         f"at its best, a rise of {best - first:.2f} dB."
     )
     figures: dict[str, Figure | Path] = {"Loss, its terms, and validation": plots.training_curves(metrics)}
-    if (planes := plots.validation_by_plane(metrics)) is not None:
-        figures["Validation by plane"] = planes
     if drawn := sorted((folder / "pictures").glob("patches_*.png")):
         figures[PATCHES] = drawn[-1]
     return Section("Training", answer=answer, figures=figures)

@@ -1,20 +1,18 @@
 """Hard cases as heat maps: a row per case, a column per formulation and precision; the colour is the outcome."""
 
-import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, to_rgb
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from lfref.report import tables
-from lfref.report.drawing import BLACK, CYAN, GREY, MAGENTA, ORANGE, RED, TEAL, new_figure
+from lfref.report.drawing import BLACK, GREY, MAGENTA, ORANGE, TEAL, new_figure
 from lfref.report.page import Section
 
 OURS = "lfref"
@@ -23,14 +21,9 @@ OUTCOMES = {
     "inexact": (ORANGE, "beyond the tolerance"),
     "not finite": (BLACK, "value or gradient not finite"),
     "hidden": (MAGENTA, "finite where the input is not"),
-    "refused": (CYAN, "refused, as allowed"),
     "error": (GREY, "fails with an error"),
 }
 """Outcome of a trial -> colour and meaning."""
-SHADES = LinearSegmentedColormap.from_list("beyond", ["#FFDDAA", RED])
-"""Colours of an error beyond the tolerance, from pale orange to red."""
-WORST = 6
-"""Decades beyond the tolerance at which the red is full."""
 MOST_PANELS = 4
 """Most components in one picture."""
 CELL, HEADER, SIDE = 0.17, 1.35, 2.4
@@ -38,11 +31,7 @@ CELL, HEADER, SIDE = 0.17, 1.35, 2.4
 
 
 def heat_map(trials: pd.DataFrame) -> Figure:
-    """One panel per component, all with the same cases.
-
-    Args:
-        trials: Columns `component, case, precision, formulation, times_allowed, outcome, holds`.
-    """
+    """One panel per component of `component, case, precision, formulation, outcome`, all with the same cases."""
     panels, cases = dict(list(trials.groupby("component", sort=False))), trials["case"].unique().tolist()
     widths = [len(panel.groupby(["formulation", "precision"])) for panel in panels.values()]
     figure = new_figure(SIDE + CELL * sum(widths) + 0.3 * len(widths), HEADER + CELL * len(cases) + 0.6)
@@ -59,14 +48,14 @@ def heat_map(trials: pd.DataFrame) -> Figure:
 
 def hard_cases(folder: Path) -> Section:
     """The heat maps, and the number of trials by outcome, of `lfref bench group=stability`."""
-    columns = ("component", "case", "precision", "formulation", "times_allowed", "outcome", "holds", "note")
+    columns = ("component", "case", "precision", "formulation", "times_allowed", "outcome", "note")
     trials = tables.read_table(folder / "stability.csv", *columns)
     text = (
-        "Every component on every hard case in every precision, against a reference formula in float64. Beyond the "
-        "tolerance a cell turns from orange to red; black is NaN or infinity in the value or in the gradient."
+        "Every component on every hard case in every precision, against a reference formula in float64. Orange is "
+        "beyond the tolerance, black is NaN or infinity in the value or in the gradient."
     )
     is_ours = trials["formulation"] == OURS
-    held, failed = is_ours & (trials["holds"] == "yes"), trials[is_ours & (trials["holds"] != "yes")]
+    held, failed = is_ours & (trials["outcome"] == "holds"), trials[is_ours & (trials["outcome"] != "holds")]
     names = [trials["component"], trials["formulation"]]
     listed = {"Trials by outcome": pd.crosstab(names, trials["outcome"]).reset_index()}
     if len(failed):
@@ -93,7 +82,9 @@ def _draw_panel(axes: Axes, component: str, panel: pd.DataFrame, cases: Sequence
     places = pd.MultiIndex.from_frame(columns)
     cells = np.ones((len(cases), len(columns), 3))
     for row in panel.itertuples():
-        cells[cases.index(row.case), places.get_loc((row.formulation, row.precision))] = _colour(row)
+        cells[cases.index(row.case), places.get_loc((row.formulation, row.precision))] = to_rgb(
+            OUTCOMES[row.outcome][0]
+        )
     axes.imshow(cells, aspect="equal", interpolation="nearest")
     # A column is nearly three letters wide.
     axes.set_title(textwrap.fill(component, round(2.8 * len(columns)) + 2), fontsize=8.5, loc="left", color=BLACK)
@@ -110,11 +101,3 @@ def _draw_panel(axes: Axes, component: str, panel: pd.DataFrame, cases: Sequence
         axes.text(place - 0.4, -0.01, name, fontsize=7.5, va="top", transform=axes.get_xaxis_transform(), color=BLACK)
         if place:
             axes.axvline(place - 0.5, color=BLACK, linewidth=1.5)
-
-
-def _colour(row: Any) -> tuple[float, float, float]:
-    if row.outcome != "inexact":
-        return to_rgb(OUTCOMES[row.outcome][0])
-    # An error without a number counts as the worst.
-    decades = WORST if math.isnan(row.times_allowed) else math.log10(max(row.times_allowed, 1.0))
-    return SHADES(min(decades, WORST) / WORST)[:3]

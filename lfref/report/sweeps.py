@@ -16,7 +16,6 @@ from scipy import stats
 from lfref.errors import counted
 from lfref.io import run as runs
 from lfref.io.run import Run
-from lfref.report import plots
 from lfref.report.page import Section
 
 LEVEL = 0.95
@@ -28,31 +27,22 @@ PLACES = (*runs.FOLDERS, "logger", "callbacks", "seed")
 def section(folder: Path) -> Section:
     """The section of a sweep; the variant of its first job is the reference."""
     jobs = [
-        Run(path.parent)
-        for path in sorted(folder.glob(f"*/{runs.CONFIG}"), key=lambda path: (len(str(path)), path))
+        Run(path.parent) for path in sorted(folder.glob(f"*/{runs.CONFIG}"), key=lambda path: (len(str(path)), path))
     ]
     finished = [job for job in jobs if job.is_finished]
-    unfinished = ", ".join(job.name for job in jobs if not job.is_finished)
-    title, n_jobs = f"Sweep: {folder.name}", counted(len(jobs), "job")
+    text = f"{len(finished)} of {counted(len(jobs), 'job')} finished."
+    if unfinished := ", ".join(job.name for job in jobs if not job.is_finished):
+        text += f" Without an end: {unfinished}."
     if not finished:
-        return Section(title, f"None of {n_jobs} has finished.")
-    rows, curves = single_runs(finished)
-    table = summary(rows)
-    text = f"{len(finished)} of {n_jobs} finished." + (f" Without an end: {unfinished}." if unfinished else "")
+        return Section(f"Sweep: {folder.name}", text)
+    table = summary(single_runs(finished))
     text += (
         " MPSNR is the best of a run's validations, against its own labels: mean and standard deviation over seeds, "
         f"and the difference from {table['variant'].iloc[0]}, seed by seed, with the ends of its 95 % paired t "
         "interval. Of 20 variants without an effect, about one has an interval without 0."
     )
-    caption = "Validation MPSNR by step: mean over the seeds, and band from the lowest to the highest; grey: reference"
-    return Section(
-        title,
-        text,
-        {caption: plots.sweep_curves(curves, table["variant"].iloc[0])},
-        {"By what varies": table},
-        files={"sweep.csv": table},
-        answer=best_setting(table),
-    )
+    listed = {"By what varies": table}
+    return Section(f"Sweep: {folder.name}", text, tables=listed, files={"sweep.csv": table}, answer=best_setting(table))
 
 
 def _options(job: Run) -> dict[str, str]:
@@ -61,26 +51,31 @@ def _options(job: Run) -> dict[str, str]:
     return {key: value for key, value in words.items() if key.partition(".")[0] not in PLACES}
 
 
-def single_runs(jobs: Sequence[Run]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """One row for each job: variant, seed, best validation, difference from the first variant; and the validations of
-    all jobs, `variant, seed, step, val/mpsnr`."""
+def single_runs(jobs: Sequence[Run]) -> pd.DataFrame:
+    """One row for each job: variant, seed, best validation, difference from the first variant, size and time."""
     options = [_options(job) for job in jobs]
     known = dict.fromkeys(key for each in options for key in each)
     keys = [key for key in known if len({each.get(key) for each in options}) > 1]
-    rows, curves = [], []
+    rows = []
     for job, each in zip(jobs, options, strict=True):
         varied = [f"{key}={each[key]}" if key in each else f"no {key}" for key in keys]
-        names = {"variant": ", ".join(varied) or "all jobs", "seed": job.config.get("seed", 0)}
-        log = pd.DataFrame(job.metrics).dropna(subset="val/mpsnr")
-        best, record = log.loc[log["val/mpsnr"].idxmax()], job.training
-        values = {"best_mpsnr_db": best["val/mpsnr"], "mssim": best["val/mssim"]}
-        rows.append({**names, **values, "n_parameters": record["n_parameters"], "seconds": record["seconds"]})
-        curves.append(log[["step", "val/mpsnr"]].assign(**names))
+        log, record = pd.DataFrame(job.metrics).dropna(subset="val/mpsnr"), job.training
+        best = log.loc[log["val/mpsnr"].idxmax()]
+        rows.append(
+            {
+                "variant": ", ".join(varied) or "all jobs",
+                "seed": job.config.get("seed", 0),
+                "best_mpsnr_db": best["val/mpsnr"],
+                "mssim": best["val/mssim"],
+                "n_parameters": record["n_parameters"],
+                "seconds": record["seconds"],
+            }
+        )
     table = pd.DataFrame(rows)
     is_first = table["variant"] == table["variant"].iloc[0]
     base = table[is_first].groupby("seed")["best_mpsnr_db"].mean()
     table["difference_db"] = (table["best_mpsnr_db"] - table["seed"].map(base)).mask(is_first)
-    return table, pd.concat(curves)
+    return table
 
 
 def t_interval(values: Sequence[float]) -> tuple[float, float]:

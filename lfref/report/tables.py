@@ -13,7 +13,7 @@ from typing import Any
 import pandas as pd
 
 from lfref.bench.evaluation import DENSE, MEAN_CAP_DB, TRUTH
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError
 from lfref.io import atomic
 
 CAP_DB = 100.0
@@ -67,8 +67,6 @@ def plot_text(name: object, width: int = 28) -> str:
 
 def format_cell(column: str, value: Any) -> str:
     """Text of a cell: significant digits by the column's unit, a dash for an empty cell, a true minus sign."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {format_cell(key, part)}" for key, part in value.items())
     if value is None or value == "" or value != value:  # NaN differs from itself
         return DASH
     if not isinstance(value, Real) or isinstance(value, bool) or column in NAMES:
@@ -86,50 +84,24 @@ def _number(column: str, value: Any) -> str:
 
 
 def write_table(path: str | Path, rows: pd.DataFrame | Iterable[Mapping[str, object]]) -> None:
-    """Write a table, or its rows, as a CSV file, all or nothing; raises an `InputError` if there are no rows."""
-    table = pd.DataFrame(rows)
-    if table.empty:
-        raise InputError("a table must have at least one row", got="none")
-    atomic.write_text(Path(path), table.to_csv(index=False, lineterminator="\n"))
+    """Write a table, or its rows, as a CSV file, all or nothing."""
+    atomic.write_text(Path(path), pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
 
 
 def read_table(path: str | Path, *columns: str) -> pd.DataFrame:
-    """Read a CSV file with a header line; columns of `NAMES` are text.
-
-    Args:
-        path: CSV file in UTF-8.
-        columns: Columns that it must have.
-
-    Raises:
-        FileError: The file is missing, empty, no CSV, or lacks a column.
-    """
-    try:
-        with atomic.file_errors(Path(path), "read"):
+    """Read a CSV file with a header line and rows; columns of `NAMES` are text, and the named columns must be there."""
+    with atomic.file_errors(Path(path), "read"):
+        try:
             table = pd.read_csv(path, dtype=dict.fromkeys(NAMES, str), keep_default_na=False, na_values=["", "nan"])
-    except ValueError as error:
-        if isinstance(error, FileError):
-            raise
-        raise FileError("a table must be a CSV file in UTF-8", got=f"{path} ({error})") from error
-    if missing := [column for column in columns if column not in table]:
-        raise FileError(f"{path} must have columns {', '.join(columns)}", got=f"none named {', '.join(missing)}")
-    if table.empty:
-        raise FileError("a table must have at least one row", got=f"none in {path}")
+        except ValueError as error:
+            raise FileError(f"{path} must be a CSV file in UTF-8", got=str(error)) from error
+    if table.empty or not {*columns} <= {*table}:
+        raise FileError(f"{path} must have rows, with columns {', '.join(columns)}", got=f"{len(table)} of {[*table]}")
     return table
 
 
-def with_numbers(table: pd.DataFrame, *columns: str) -> pd.DataFrame:
-    """The rows that have a number in each of these columns."""
-    return table.dropna(subset=[*columns])
-
-
 def pareto_front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
-    """The rows that no other row beats in cost and gain, from cheap to expensive; equal rows are all kept.
-
-    Args:
-        table: Table of results; rows with an empty cell in either column are left out.
-        cost: Column that should be small, such as `median_s`.
-        gain: Column that should be large, such as `psnr_db`.
-    """
+    """The rows that no other row beats in cost and gain, from cheap to expensive; equal rows are all kept."""
     rows = table.dropna(subset=[cost, gain]).sort_values([cost, gain], ascending=[True, False], kind="stable")
     is_cheapest = rows[cost] == rows.groupby(gain)[cost].transform("min")
     return rows[is_cheapest & (rows[gain] == rows[gain].cummax())]

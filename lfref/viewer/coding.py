@@ -19,7 +19,6 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional as F
 
-from lfref.errors import InputError
 from lfref.io import images
 
 QUALITIES = {".webp": (75, 80, 83, 85, 87, 90, 95, 100), ".jpg": (75, 80, 85, 90, 95, 98, 100)}
@@ -66,10 +65,6 @@ class ViewQuality:
     """Most pixels of all views together. Larger views are made smaller, so that the page can be sent by mail."""
     least_db: float | None = LEAST_DB
     """Least PSNR of a view, or the best that WebP and JPEG reach; None: PNG, without loss."""
-
-    def __post_init__(self) -> None:
-        if self.most_pixels <= 0 or (self.least_db is not None and self.least_db <= 0):
-            raise InputError("page_quality.most_pixels and page_quality.least_db must be above 0", got=self)
 
 
 class Prediction(NamedTuple):

@@ -29,7 +29,7 @@ from lfref.io.disparity_files import Cameras
 from lfref.lightfield import LightField
 from lfref.refocus.disparity import cost_volume
 from lfref.refocuser import filling
-from lfref.report import disparity_colours
+from lfref.report import pictures
 from lfref.report.refocused import Refocused
 from lfref.viewer import coding
 from lfref.viewer.coding import LOSSLESS, Coding, Prediction, ViewQuality
@@ -55,16 +55,9 @@ DISPARITY_STEPS = 65535
 
 
 def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[str, Any]) -> list[Path]:
-    """Write the page, all or nothing. Pictures of more than `MOST_BYTES` are written before it, into NAME_pictures.
+    """Write the page of `page_content`, with a title, and facts below the picture; all or nothing.
 
-    Args:
-        path: HTML file to write.
-        title: Heading of the page.
-        facts: Name -> value, shown below the picture.
-        content: Content that `page_content` returns.
-
-    Returns:
-        The page, and the folder of its pictures if there is one.
+    Pictures of more than `MOST_BYTES` are written before it, into NAME_pictures: the second path that is returned.
     """
     is_large = len(_json(content)) > MOST_BYTES
     folder = path.with_name(f"{path.stem}_pictures") if is_large else None
@@ -190,7 +183,8 @@ def page_content(
     middle = first.field.views[tuple(length // 2 for length in first.field.grid)]
     small = coding.smallest(first.encoded(middle)).coding
     encode = small.uri if len(methods) == 1 else LOSSLESS.uri
-    ends = disparity_colours.ends(slopes, first.planes.values)
+    ends = pictures.colour_ends(slopes, first.planes.values)
+    bar = np.tile(np.linspace(*ends, BAR_SIZE[1]), (BAR_SIZE[0], 1))
     return {
         "size": list(first.field.size),
         "quantity": first.planes.quantity,
@@ -200,7 +194,7 @@ def page_content(
         "near": near,
         "dioptres": _dioptres(first.field, near),
         "shape": "square" if aperture is None else "own",
-        "aperture": None if aperture is None else _rounded(aperture / aperture.max()),
+        "aperture": None if aperture is None else (aperture / aperture.max()).double().round(decimals=4).tolist(),
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
         "methods": [
             {"name": name, "planes": [encode(refocused.encoded(refocused.shown[plane])) for plane in first.by_slope]}
@@ -210,22 +204,17 @@ def page_content(
         "depth": _depth(slopes, confidence),
         "sharp": small.uri(first.encoded(first.sharp)),
         "map": small.uri(first.disparity_picture),
-        "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(disparity_colours.coloured(_bar(*ends), *ends))},
+        "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(pictures.coloured(bar, *ends))},
         "views": _views(first, slopes, small, quality or ViewQuality()),
     }
 
 
 def _dioptres(field: LightField, near: int) -> list[float] | None:
     """1 / distance at slope 0 and its growth per slope, in 1 / metres; None where the cameras are not known."""
-    cameras = Cameras.from_metadata(field.metadata)
-    if cameras is None:
+    if (cameras := Cameras.from_metadata(field.metadata)) is None:
         return None
     at_zero, growth = cameras.dioptres(field.size)
     return [at_zero, near * growth]
-
-
-def _rounded(weights: Tensor) -> list[list[float]]:
-    return [[round(weight, 4) for weight in row] for row in weights.tolist()]
 
 
 def _interest(refocused: Refocused, nearness: NDArray[np.floating], confidence: NDArray[np.floating]) -> Tensor:
@@ -266,14 +255,10 @@ def _depth(slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> di
     return {
         "low": low,
         "high": high,
-        "disparity": _base64(steps.tobytes()),
-        "confidence": _base64(np.rint(255 * confidence.clip(0, 1)).astype(np.uint8).tobytes()),
-        "least_confidence": round(255 * disparity_colours.LEAST_CONFIDENCE),
+        "disparity": base64.b64encode(steps).decode("ascii"),
+        "confidence": base64.b64encode(np.rint(255 * confidence.clip(0, 1)).astype(np.uint8)).decode("ascii"),
+        "least_confidence": round(255 * pictures.LEAST_CONFIDENCE),
     }
-
-
-def _bar(low: float, high: float) -> NDArray[np.float64]:
-    return np.tile(np.linspace(low, high, BAR_SIZE[1]), (BAR_SIZE[0], 1))
 
 
 def _views(
@@ -311,10 +296,10 @@ def _views(
         share = smaller(field.weight.flatten(0, 1)[n] / weights.amax()).clamp(min=LEAST_MASK)
         return LOSSLESS.uri(share.permute(1, 2, 0).float().numpy())
 
-    reference, pictures = _coded_views(cameras, shown, disparity, first, quality.least_db)
+    reference, coded = _coded_views(cameras, shown, disparity, first, quality.least_db)
     return {
         "size": size,
-        "pictures": pictures,
+        "pictures": coded,
         "reference": reference,
         "masks": [mask(n) for n in kept] if has_masks else None,
         "cameras": [list(camera) for camera in cameras],
@@ -339,13 +324,9 @@ def _coded_views(
     least = coding.smallest(shown(far), prediction.view(cameras[far]), least_db)
     if far == reference or len(least.file) >= len(plain.file):
         return None, [coding.at_least(least_db, shown(k), first).uri for k in range(len(cameras))]
-    pictures = [
+    coded = [
         coding.at_least(least_db, shown(k), least.coding, prediction.view(camera)).uri
         for k, camera in enumerate(cameras)
     ]
-    pictures[reference] = whole.uri
-    return reference, pictures
-
-
-def _base64(content: bytes) -> str:
-    return base64.b64encode(content).decode("ascii")
+    coded[reference] = whole.uri
+    return reference, coded

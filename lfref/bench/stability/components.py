@@ -10,11 +10,9 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from lfref.bench.stability import catalogue
-from lfref.bench.stability import reference_formulas as reference
-from lfref.bench.stability import textbook_formulas as textbook
+from lfref.bench.stability import catalogue, formulas
 from lfref.bench.stability.trials import OURS, Component, Formulation, Precision, Tolerance
 from lfref.functional.psnr import inverse_psnr, psnr
 from lfref.functional.ssim import one_minus_ssim
@@ -47,12 +45,12 @@ def _one_minus_ssim_tolerance(values: Tensor, precision: Precision, *inputs: Ten
 
 def _inverse_psnr_tolerance(values: Tensor, precision: Precision, x: Tensor, y: Tensor) -> Tensor:
     """Above 100 dB and below 8.69 dB the paper fixes no value: any positive value of the same size is allowed."""
-    m = reference.mse(x, y)
-    return torch.where((m < reference.FLOOR) | (m > reference.JOIN), values, RELATIVE * values)
+    m = formulas.mse(x, y)
+    return torch.where((m < formulas.FLOOR) | (m > formulas.JOIN), values, RELATIVE * values)
 
 
 def _composite_tolerance(values: Tensor, precision: Precision, x: Tensor, y: Tensor) -> Tensor:
-    of_term = _inverse_psnr_tolerance(reference.inverse_psnr(x, y), precision, x, y)
+    of_term = _inverse_psnr_tolerance(formulas.inverse_psnr(x, y), precision, x, y)
     return RELATIVE * values + PAPER_WEIGHTS["inverse_psnr"] * of_term
 
 
@@ -64,16 +62,16 @@ def _per_image(function: Callable[[Tensor, Tensor], Tensor]) -> Formulation:
 def image_components() -> list[Component]:
     """The terms of the loss, the loss, and PSNR."""
     component = functools.partial(Component, cases=catalogue.IMAGES)
-    ssim_forms: dict[str, Formulation] = {OURS: one_minus_ssim, "torchmetrics": textbook.one_minus_ssim}
-    psnr_term: dict[str, Formulation] = {OURS: inverse_psnr, "textbook": textbook.inverse_psnr}
-    loss = {OURS: _per_image(CompositeLoss()), "textbook": textbook.composite}
+    ssim_forms: dict[str, Formulation] = {OURS: one_minus_ssim, "torchmetrics": formulas.textbook_one_minus_ssim}
+    psnr_term: dict[str, Formulation] = {OURS: inverse_psnr, "textbook": formulas.textbook_inverse_psnr}
+    loss = {OURS: _per_image(CompositeLoss()), "textbook": formulas.textbook_composite}
     return [
-        component("mse", {OURS: mean_squared_error, "textbook": textbook.mse}, reference.mse, _relative),
-        component("l1", {OURS: mean_absolute_error, "textbook": textbook.l1}, reference.l1, _relative),
-        component("1 - SSIM", ssim_forms, reference.one_minus_ssim, _one_minus_ssim_tolerance),
-        component("1 / PSNR", psnr_term, reference.inverse_psnr, _inverse_psnr_tolerance),
-        component("loss", loss, reference.composite, _composite_tolerance),
-        component("PSNR", {OURS: psnr, "torchmetrics": textbook.psnr}, reference.psnr, _decibels),
+        component("mse", {OURS: mean_squared_error, "textbook": formulas.mse}, formulas.mse, _relative),
+        component("l1", {OURS: mean_absolute_error, "textbook": formulas.l1}, formulas.l1, _relative),
+        component("1 - SSIM", ssim_forms, formulas.one_minus_ssim, _one_minus_ssim_tolerance),
+        component("1 / PSNR", psnr_term, formulas.inverse_psnr, _inverse_psnr_tolerance),
+        component("loss", loss, formulas.composite, _composite_tolerance),
+        component("PSNR", {OURS: psnr, "torchmetrics": formulas.textbook_psnr}, formulas.psnr, _decibels),
     ]
 
 
@@ -88,59 +86,51 @@ def shift_operator(interpolation: str, border: str = "wrap") -> Operator:
     return lambda views, slopes, weights: shift_and_sum(views, slopes, interpolation, border, weights)
 
 
-class PeriodicOperator(NamedTuple):
-    """An operator with periodic borders, which keeps the mean of the views."""
+class RefocusingOperator(NamedTuple):
+    """An operator, and what its reference and its tolerance follow from."""
 
     run: Operator
     interpolation: str = "exact"
+    border: str = "wrap"
     error: float = 1e-6
     """Tolerance as a share of the brightest sample."""
     textbook: Mapping[str, Operator] = {}
 
 
-PERIODIC = {
-    "shift-and-sum nearest": PeriodicOperator(shift_operator("nearest"), "nearest"),
-    "shift-and-sum linear": PeriodicOperator(shift_operator("linear"), "linear"),
-    "shift-and-sum cubic": PeriodicOperator(shift_operator("cubic"), "cubic"),
-    "shift-and-sum exact": PeriodicOperator(shift_operator("exact")),
-    "exact Fourier": PeriodicOperator(exact_fourier, textbook={"float32 phases": textbook.phase_ramps}),
+OPERATORS = {
+    "shift-and-sum nearest": RefocusingOperator(shift_operator("nearest"), "nearest"),
+    "shift-and-sum linear": RefocusingOperator(shift_operator("linear"), "linear"),
+    "shift-and-sum cubic": RefocusingOperator(shift_operator("cubic"), "cubic"),
+    "shift-and-sum exact": RefocusingOperator(shift_operator("exact")),
+    "exact Fourier": RefocusingOperator(exact_fourier, textbook={"float32 phases": formulas.phase_ramps}),
     # The error of a Fourier slice is that of its kernel.
-    "Fourier slice": PeriodicOperator(
+    "Fourier slice": RefocusingOperator(
         lambda views, slopes, weights: fourier_slice(views, slopes, weights=weights), error=1e-3
     ),
-    "focal stack transform": PeriodicOperator(focal_stack_transform.at_slopes),
+    "focal stack transform": RefocusingOperator(focal_stack_transform.at_slopes),
+    **{
+        f"shift-and-sum {name}, renormalized": RefocusingOperator(
+            shift_operator(name, "renormalize"), name, "renormalize"
+        )
+        for name in formulas.KERNELS
+    },
+    "shift-and-sum, edges repeated": RefocusingOperator(
+        shift_operator("linear", "edge"), "linear", "edge", textbook={"grid_sample": formulas.grid_sample}
+    ),
 }
 
 
 def operator_components() -> list[Component]:
     """A component for every operator; its reference uses the matrices of its interpolation."""
-    component = functools.partial(Component, cases=catalogue.FIELDS, has_inference_path=True)
-
-    def matrices(interpolation: str, border: str) -> Operator:
-        return functools.partial(reference.refocused, interpolation=interpolation, border=border)
-
-    components = [
-        component(
+    return [
+        Component(
             name,
             {OURS: operator.run, **operator.textbook},
-            matrices(operator.interpolation, "wrap"),
+            functools.partial(formulas.refocused, interpolation=operator.interpolation, border=operator.border),
             share_of_brightest(operator.error),
+            catalogue.FIELDS,
         )
-        for name, operator in PERIODIC.items()
-    ]
-    components += [
-        component(
-            f"shift-and-sum {name}, renormalized",
-            {OURS: shift_operator(name, "renormalize")},
-            matrices(name, "renormalize"),
-            share_of_brightest(1e-6),
-        )
-        for name in reference.KERNELS
-    ]
-    edges = {OURS: shift_operator("linear", "edge"), "grid_sample": textbook.grid_sample}
-    return [
-        *components,
-        component("shift-and-sum, edges repeated", edges, matrices("linear", "edge"), share_of_brightest(1e-6)),
+        for name, operator in OPERATORS.items()
     ]
 
 
@@ -172,11 +162,8 @@ def network_components() -> list[Component]:
     components = []
     for activation, normalization in choices:
         ours = network(activation, normalization)
-        forms: dict[str, nn.Module] = {OURS: ours, "textbook": textbook.with_textbook_layers(copy.deepcopy(ours))}
         name, exact = f"RefNet, {activation}, {normalization} norm", copy.deepcopy(ours).double()
-        components.append(
-            Component(name, forms, exact, _network_tolerance, catalogue.NETWORK_VIEWS, without_reference=("textbook",))
-        )
+        components.append(Component(name, {OURS: ours}, exact, _network_tolerance, catalogue.NETWORK_VIEWS))
     start = Component("linear start", {OURS: started}, lambda views, labels: labels, _start_tolerance, catalogue.STARTS)
     return [*components, start]
 

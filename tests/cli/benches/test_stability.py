@@ -14,7 +14,7 @@ def test_trials_are_written_and_shown(lfref, tmp_path):
     folder = tmp_path / "run"
     rows = list(csv.DictReader((folder / "stability.csv").read_text().splitlines()))
     assert {row["case"] for row in rows} == {case.name for case in catalogue.IMAGES}
-    assert {row["holds"] for row in rows if row["formulation"] == "lfref"} == {"yes"}
+    assert {row["outcome"] for row in rows if row["formulation"] == "lfref"} == {"holds"}
     assert imread(folder / "stability.png").std() > 0.05  # a blank figure has one colour
     page = (folder / "index.html").read_text()
     assert "Hard cases" in page
