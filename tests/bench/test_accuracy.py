@@ -1,4 +1,4 @@
-"""Distance from a reference: the interior, means and measures by hand; colours against published pairs."""
+"""Distance from a reference: the interior, means and measures by hand; colours against another library."""
 
 import pandas as pd
 import pytest
@@ -7,7 +7,6 @@ from skimage import color
 
 from lfref.bench import accuracy
 from lfref.bench.accuracy import DisplayedStack, colour_difference, delta_e_2000, lab
-from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import planes_at_alphas
@@ -104,59 +103,17 @@ def test_measures_of_every_plane_in_the_interior_and_the_whole_frame():
     assert measures["psnr_db"] == pytest.approx([20, 40], abs=1e-3)
 
 
-def test_a_border_that_leaves_less_than_8_pixels_is_refused():
-    accuracy.check_margin(8, (24, 30))
-    with pytest.raises(InputError, match="pictures of 23x30; set margin=0"):
-        accuracy.check_margin(8, (23, 30))
+def test_delta_e_2000_is_that_of_another_library():
+    # Near greys, where hues turn, and vivid colours, in which blues are special.
+    first, second = (torch.rand(2, 4000, 3, dtype=torch.float64) - 0.5).unbind(0)
+    scale = torch.tensor([100, 200, 200]) * 10 ** (-4 * torch.rand(4000, 1, dtype=torch.float64))
+    first, second = first * scale + torch.tensor([50, 0, 0]), second * scale + torch.tensor([50, 0, 0])
+    first[:200, 1:] = 0
+    theirs = torch.from_numpy(color.deltaE_ciede2000(first.numpy(), second.numpy()))
+    torch.testing.assert_close(delta_e_2000(first.T[:, None], second.T[:, None])[0], theirs, atol=1e-8, rtol=0)
 
 
-# Table 1 of Sharma, Wu and Dalal, 2005: two colours in CIELAB, and their difference.
-PAIRS = (
-    ((50.0000, 2.6772, -79.7751), (50.0000, 0.0000, -82.7485), 2.0425),
-    ((50.0000, 3.1571, -77.2803), (50.0000, 0.0000, -82.7485), 2.8615),
-    ((50.0000, 2.8361, -74.0200), (50.0000, 0.0000, -82.7485), 3.4412),
-    ((50.0000, -1.3802, -84.2814), (50.0000, 0.0000, -82.7485), 1.0000),
-    ((50.0000, -1.1848, -84.8006), (50.0000, 0.0000, -82.7485), 1.0000),
-    ((50.0000, -0.9009, -85.5211), (50.0000, 0.0000, -82.7485), 1.0000),
-    ((50.0000, 0.0000, 0.0000), (50.0000, -1.0000, 2.0000), 2.3669),
-    ((50.0000, -1.0000, 2.0000), (50.0000, 0.0000, 0.0000), 2.3669),
-    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0009), 7.1792),
-    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0010), 7.1792),
-    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0011), 7.2195),
-    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0012), 7.2195),
-    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0009, -2.4900), 4.8045),
-    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0010, -2.4900), 4.8045),
-    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0011, -2.4900), 4.7461),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 0.0000, -2.5000), 4.3065),
-    ((50.0000, 2.5000, 0.0000), (73.0000, 25.0000, -18.0000), 27.1492),
-    ((50.0000, 2.5000, 0.0000), (61.0000, -5.0000, 29.0000), 22.8977),
-    ((50.0000, 2.5000, 0.0000), (56.0000, -27.0000, -3.0000), 31.9030),
-    ((50.0000, 2.5000, 0.0000), (58.0000, 24.0000, 15.0000), 19.4535),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 3.1736, 0.5854), 1.0000),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 3.2972, 0.0000), 1.0000),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 1.8634, 0.5757), 1.0000),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 3.2592, 0.3350), 1.0000),
-    ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387), 1.2644),
-    ((63.0109, -31.0961, -5.8663), (62.8187, -29.7946, -4.0864), 1.2630),
-    ((61.2901, 3.7196, -5.3901), (61.4292, 2.2480, -4.9620), 1.8731),
-    ((35.0831, -44.1164, 3.7933), (35.0232, -40.0716, 1.5901), 1.8645),
-    ((22.7233, 20.0904, -46.6940), (23.0331, 14.9730, -42.5619), 2.0373),
-    ((36.4612, 47.8580, 18.3852), (36.2715, 50.5065, 21.2231), 1.4146),
-    ((90.8027, -2.0831, 1.4410), (91.1528, -1.6435, 0.0447), 1.4441),
-    ((90.9257, -0.5406, -0.9208), (88.6381, -0.8985, -0.7239), 1.5381),
-    ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
-    ((2.0776, 0.0795, -1.1350), (0.9033, -0.0636, -0.5514), 0.9082),
-)
-
-
-def test_delta_e_of_the_published_pairs():
-    first, second, differences = (torch.tensor(column, dtype=torch.float64) for column in zip(*PAIRS, strict=True))
-    for one, other in ((first, second), (second, first)):
-        result = delta_e_2000(one.T[:, None], other.T[:, None])[0]
-        torch.testing.assert_close(result, differences, atol=5e-5, rtol=0)
-
-
-def test_delta_e_agrees_with_another_library():
+def test_colour_differences_of_linear_light_are_those_of_another_library():
     one, other = torch.rand(2, 5, 3, 8, 9, dtype=torch.float64).unbind(0)
     shown = [picture.movedim(-3, -1).numpy() for picture in (one, other)]
     # The library's conversions begin with encoded values.

@@ -8,7 +8,6 @@ import torch
 
 from lfref.bench import costs, timing
 from lfref.bench.costs import Scales, Size
-from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -61,12 +60,6 @@ def test_one_axis_changes_at_a_time():
     for axis, steps in sizes.items():
         assert all(size._replace(**{axis: getattr(FIELD, axis)}) == FIELD for size in steps)
     assert [FIELD.count(axis) for axis in ("pixels", "views", "planes")] == [202500, 35, 16]
-
-
-@pytest.mark.parametrize("change", [{"sides": [1]}, {"views": [3, 3]}, {"planes": [0, 4]}, {"planes": []}])
-def test_an_axis_needs_two_sizes(change):
-    with pytest.raises(InputError, match=next(iter(change))):
-        Scales(**{"sides": [0.5, 1], "views": [3, 5], "planes": [4, 8]} | change)
 
 
 def test_the_exponents_of_a_known_cost_are_fitted(monkeypatch):

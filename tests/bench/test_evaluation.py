@@ -69,8 +69,6 @@ def test_operators_refocus_a_disc_scene_through_a_disc():
     stack = case.stack(EXACT, SLOPES)
     torch.testing.assert_close(stack, exact_fourier(case.light.views, SLOPES, weights=apertures.disc((5, 5))))
     assert float(psnr(stack[0], case.reference[0])) > 1 + float(psnr(EXACT(case.light, SLOPES)[0], case.reference[0]))
-    small = OperatorRefocuser("small", shift_and_sum, lambda grid: apertures.disc(grid, 3))
-    torch.testing.assert_close(case.stack(small, SLOPES), small(case.light, SLOPES))
 
 
 def test_scenes_of_wide_baselines_have_planes_of_their_own():
@@ -106,12 +104,6 @@ def test_kept_views_have_the_centre_and_the_aperture_of_all(n_views, step, dense
     assert len(all_places[split.dense]) == dense
     assert split.shares.tolist() == pytest.approx([end, *[1] * (len(places) - 2), end])
     assert float(step * split.shares.sum()) == pytest.approx(dense)
-
-
-@pytest.mark.parametrize(("n_views", "step"), [(2, 2), (9, 1), (1, 2), (9, 9)])
-def test_too_few_views_are_refused(n_views, step):
-    with pytest.raises(InputError, match=f"every {step} of {n_views}"):
-        evaluation.split_axis(n_views, step)
 
 
 HOLD_OUT_SLOPES = torch.tensor([-2.0, 0.5, 1.0], dtype=torch.float64)
@@ -175,7 +167,7 @@ def table():
     """Two scenes and planes in one class, one of them in another."""
     rows = [
         ("ideal", "a", "sum", -1.0, 40.0, 1.001), ("ideal", "a", "sum", 0.5, 50.0, 0.995),
-        ("ideal", "b", "sum", -1.0, 30.0, 1.0), ("ideal", "b", "sum", 0.5, 70.0, 1.0),
+        ("ideal", "b", "sum", -1.0, 30.0, 1.0), ("ideal", "b", "sum", 0.5, 100.0, 1.0),
         ("ideal", "a", "net", -1.0, 20.0, 1.0), ("ideal", "a", "net", 0.5, 22.0, 1.0),
         ("sensor", "b", "sum", -1.0, 25.0, 1.0), ("sensor", "b", "sum", 0.5, 27.0, 1.0),
     ]  # fmt: skip
@@ -189,6 +181,7 @@ def cells(summary, *columns):
 
 
 def test_scenes_are_means_over_the_planes_and_a_psnr_that_is_no_number_is_the_worst():
+    # In means, a PSNR counts by at most 70 dB.
     summary = evaluation.by_scene(table())
     assert cells(summary, "class", "method", "scene", "psnr_db", "worst_psnr_db", "worst_slope") == [
         ("ideal", "sum", "a", 45.0, 40.0, -1.0), ("ideal", "sum", "b", 50.0, 30.0, -1.0),
@@ -210,25 +203,3 @@ def test_classes_are_means_over_all_and_name_the_worst_scene_and_brightness():
     assert cells(summary, "median_psnr_db", "worst_plane_db", "worst_plane") == [
         (45.0, 30.0, "b at slope -1"), (21.0, 20.0, "a at slope -1"), (26.0, 25.0, "b at slope -1"),
     ]  # fmt: skip
-
-
-def test_classes_have_their_means_without_slope_0_and_the_share_explained():
-    rows = table()
-    rival = rows[:4].assign(method="mean_of_views", psnr_db=[20.0, 20.0, 10.0, 100.0], ssim=0.1)
-    rows = pd.concat([rows, rival], ignore_index=True)
-    rows["slope"] = rows["slope"].replace(0.5, 0.0)
-    summary = evaluation.by_class(rows).set_index(["class", "method"])
-    # Planes at slope -1: the sum has 40 and 30 dB, the mean of the views 20 and 10 dB.
-    assert summary.loc[("ideal", "sum"), ["nonzero_psnr_db", "nonzero_ssim"]].tolist() == [35.0, 0.5]
-    assert summary["explained"]["ideal", "sum"] == pytest.approx(1 - (1e-4 + 1e-3) / (1e-2 + 1e-1))
-    assert summary["explained"]["ideal", "mean_of_views"] == 0
-    assert summary[["explained_near", "explained_wide"]].isna().all(axis=None)
-    assert math.isnan(summary["explained"]["sensor", "sum"])  # this class has no mean of views
-
-
-def test_in_means_a_psnr_counts_by_at_most_70_db_and_medians_and_worst_cases_are_not_capped():
-    rows = table()[:4].assign(psnr_db=[100.0, 90.0, 40.0, 80.0])
-    (summary,) = evaluation.by_class(rows).itertuples()
-    assert (summary.psnr_db, summary.median_psnr_db, summary.worst_plane_db) == (62.5, 85.0, 40.0)
-    assert (summary.worst_psnr_db, summary.worst_scene) == (55.0, "b")
-    assert evaluation.by_scene(rows)["worst_psnr_db"].tolist() == [90.0, 40.0]

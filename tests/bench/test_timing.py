@@ -2,36 +2,13 @@
 
 import json
 import os
-import time
 
-import pytest
 import torch
 
 import lfref
 from lfref.bench import timing
 
 CPU = torch.device("cpu")
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    """A clock that every run moves on by what it takes."""
-    now = [0.0]
-    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    return now
-
-
-def test_the_clock_runs_from_an_idle_device_to_an_idle_device(monkeypatch, clock):
-    events = []
-
-    def wait(device):
-        # What is still queued before the run must not count; what the run queued must.
-        events.append(("wait", clock[0]))
-        clock[0] += 1
-
-    monkeypatch.setattr(timing, "_synchronize", wait)
-    assert timing.seconds(lambda: events.append(("run", clock[0])), CPU) == 1
-    assert events == [("wait", 0), ("run", 1), ("wait", 1)]
 
 
 def test_all_take_turns_in_every_round():

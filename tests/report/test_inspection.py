@@ -6,9 +6,8 @@ import torch
 
 from lfref.captures.inspect import inspect
 from lfref.lightfield import LightField
-from lfref.report import drawing, pictures
+from lfref.report import drawing
 from lfref.report.inspection import inspection_sheet
-from lfref.report.refocused import brightening
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 
@@ -33,23 +32,6 @@ def test_the_sheet_shows_views_disparity_light_and_range():
     assert gains[0, 0] == pytest.approx(float(views[0, 0].mean() / views[3, 3].mean()), rel=0.02)
     (slopes,) = (axes for axes in figure.axes if axes.get_title().startswith("range"))
     assert sum(bar.get_height() for bar in slopes.patches[:80]) == pytest.approx(1, abs=0.05)
-
-
-def test_samples_without_weight_do_not_darken_their_view():
-    views, weight = 0.5 + 0.01 * torch.rand(3, 3, 3, 64, 80), torch.ones(3, 3, 1, 64, 80)
-    views[0, 0, :, :, :40], weight[0, 0, :, :, :40] = 0, 0
-    figure = inspection_sheet(inspect(LightField(views, weight=weight)))
-    (light,) = (axes for axes in figure.axes if axes.get_title().startswith("light"))
-    assert light.images[0].get_array()[0, 0] == pytest.approx(1, abs=0.01)
-
-
-@pytest.mark.parametrize("encoding", ["linear", "srgb"])
-def test_the_sheet_is_as_bright_as_the_pictures_of_lfref_refocus(encoding):
-    views = 0.3 * torch.rand(3, 3, 3, 64, 80)
-    field = LightField(views, metadata={"encoding": encoding})
-    centre = next(axes for axes in inspection_sheet(inspect(field)).axes if axes.get_title() == "view 1, 1")
-    expected = pictures.for_display(views[1, 1], brightening(field))
-    np.testing.assert_allclose(centre.images[0].get_array(), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 3, 64, 64), (1, 5, 1, 20, 96), (3, 3, 1, 96, 20)])

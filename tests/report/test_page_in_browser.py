@@ -66,37 +66,3 @@ def test_nothing_but_plots_and_tables_is_wider_than_the_screen(opened, width):
     wider = "() => [...document.querySelectorAll('main p, main h2, nav li, .crops, .picture, .table, dd')]"
     wider += ".filter(each => each.getBoundingClientRect().right > innerWidth).length"
     assert tab.evaluate(wider) == 0
-
-
-@pytest.mark.parametrize(("width", "in_a_row"), [(390, 3), (1280, 5), (2560, 5)])
-def test_crops_stand_in_a_row_on_the_first_screen(opened, width, in_a_row):
-    boxes = [crop.bounding_box() for crop in opened(width).locator(".crops img").all()]
-    assert len(boxes) == 5
-    assert len({box["y"] for box in boxes[:in_a_row]}) == 1
-    assert all(box["y"] + box["height"] < 900 for box in boxes)
-    assert len({round(box["width"]) for box in boxes}) == 1
-
-
-def test_the_answer_comes_first_and_the_machine_last(opened):
-    tab = opened(1280)
-    top = {name: tab.locator(name).first.bounding_box()["y"] for name in (".answer", ".crops", ".picture", "#machine")}
-    assert top[".answer"] < top[".crops"] < top[".picture"] < 500 < top["#machine"]
-    last = tab.evaluate("() => [...document.querySelectorAll('h2')].at(-1).textContent")
-    assert last == "Machine and versions"
-
-
-@pytest.mark.parametrize("kind", ["picture", "table"])
-def test_wide_parts_scroll_by_keyboard(opened, kind):
-    tab = opened(390)
-    part = tab.locator(f".{kind}").first
-    for _ in range(20):
-        tab.keyboard.press("Tab")
-        if part.evaluate("element => element === document.activeElement"):
-            break
-    else:
-        pytest.fail("the tabulator does not reach it")
-    assert part.evaluate("element => element.scrollLeft") == 0
-    for _ in range(5):
-        tab.keyboard.press("ArrowRight")
-        tab.wait_for_timeout(50)
-    tab.wait_for_function("kind => document.querySelector('.' + kind).scrollLeft > 50", arg=kind)

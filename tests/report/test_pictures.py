@@ -7,7 +7,7 @@ from matplotlib import colormaps
 
 from lfref import encoding, geometry
 from lfref.encoding import SRGB
-from lfref.report import disparity_colours, pictures
+from lfref.report import pictures
 
 PAPER = geometry.planes_at_alphas(index / 8 for index in range(1, 17))
 H, W = 6, 8
@@ -23,25 +23,10 @@ def screen(light):
     return float(encoding.SRGB.encode(torch.tensor(light)))
 
 
-def test_the_exposure_brings_the_bright_end_of_the_mean_to_nine_tenths():
-    mean = torch.linspace(0, 0.3, 3 * H * W).reshape(3, H, W)
-    gain = pictures.common_exposure(mean)
-    assert np.percentile(mean.numpy() * gain, 99) == pytest.approx(0.9, rel=1e-5)
-    assert pictures.common_exposure(torch.zeros(3, H, W)) == 1.0
-
-
 def test_display_is_gain_then_clip_then_encoding():
     shown = pictures.for_display(torch.tensor([0.1, 0.4, 0.9]).reshape(1, 1, 3), 2.0, encoding.parsed("gamma:2.2"))
     assert shown.shape == (1, 3, 3)
     assert shown[0, :, 1] == pytest.approx([0.2 ** (1 / 2.2), 0.8 ** (1 / 2.2), 1.0], rel=1e-5)
-
-
-def test_display_takes_half_floats_and_gradients_and_shows_nan_black():
-    image = torch.full((3, 2, 2), torch.nan)
-    image[:, 0, 0] = 0.5
-    assert pictures.for_display(image, encoding=encoding.NONE).tolist() == [[[0.5] * 3, [0.0] * 3], [[0.0] * 3] * 2]
-    half = torch.full((1, 2, 2), 0.5, dtype=torch.bfloat16, requires_grad=True)
-    assert pictures.for_display(half, encoding=encoding.NONE).max() == 0.5
 
 
 LABELS = ["near $x$", *PAPER.labels[1:6]]
@@ -74,13 +59,6 @@ def test_pictures_of_any_size_fill_their_cells_and_leave_the_labels_free(n, size
     assert (sheet[-pictures.SHEET_GAP // 2 :] == 255).all()
 
 
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
-@pytest.mark.parametrize("width", [8, 2 * pictures.SHEET_WIDTH])
-def test_sheets_take_any_floating_point(dtype, width):
-    sheet = pictures.contact_sheet(torch.full((1, 3, 8, width), 0.5, dtype=dtype).requires_grad_(), ["a"], 1.0)
-    assert (cells(sheet, 1)[0] == round(255 * screen(0.5))).all()
-
-
 def test_a_large_picture_is_averaged_in_light_and_not_thinned():
     stripes = torch.zeros(1, 1, 64, 4 * pictures.SHEET_WIDTH)
     stripes[..., ::2] = 1
@@ -100,16 +78,6 @@ def test_the_central_view_and_those_in_the_corners_are_shown():
     assert list(pictures.view_cells(views[:1, :1])) == ["view 0, 0"]
 
 
-@pytest.mark.parametrize(("n_planes", "shown"), [(1, [0]), (3, [0, 1, 2]), (16, [0, 3, 6, 9, 12, 15])])
-def test_planes_from_the_first_to_the_last_are_shown_as_they_were_written(n_planes, shown):
-    planes = geometry.planes_at_alphas((n + 1) / 8 for n in range(n_planes))
-    stack = torch.arange(float(n_planes))[:, None, None, None].expand(-1, 3, 4, 6)
-    cells = pictures.plane_cells(stack, planes)
-    assert [float(plane[0, 0, 0]) for plane in cells.values()] == shown
-    assert next(iter(cells)) == "alpha 0.125"
-    assert list(pictures.plane_cells(stack[:1], geometry.FocalPlanes([-7]))) == ["slope -7"]
-
-
 def test_pictures_are_clipped_and_maps_are_coloured_from_their_least_to_their_largest_value():
     disparity = torch.linspace(-1, 0.5, 24).reshape(4, 6)
     sheet = pictures.views_sheet({"a": PICTURE * 2, "b": disparity})
@@ -119,10 +87,10 @@ def test_pictures_are_clipped_and_maps_are_coloured_from_their_least_to_their_la
     middles = np.ix_(((np.arange(4) + 0.5) * height / 4).astype(int), ((np.arange(6) + 0.5) * width / 6).astype(int))
     first, second = (sheet[top:, pictures.SHEET_GAP + n * (width + pictures.SHEET_GAP) :][middles] for n in range(2))
     np.testing.assert_allclose(first, 255 * SRGB.encode((PICTURE * 2).clamp(0, 1)).permute(1, 2, 0), atol=0.51)
-    np.testing.assert_allclose(second, 255 * disparity_colours.coloured(disparity.numpy(), -1, 0.5), atol=0.51)
+    np.testing.assert_allclose(second, 255 * pictures.coloured(disparity.numpy(), -1, 0.5), atol=0.51)
 
 
 def test_colours_are_those_of_matplotlib():
     places = np.linspace(0, 1, 256)[None]
-    expected = colormaps[disparity_colours.MAP](places)[..., :3]
-    assert np.abs(disparity_colours.coloured(places, 0, 1) - expected).max() < 0.03
+    expected = colormaps[pictures.MAP](places)[..., :3]
+    assert np.abs(pictures.coloured(places, 0, 1) - expected).max() < 0.03

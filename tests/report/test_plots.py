@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from lfref import geometry
-from lfref.geometry import FocalPlanes
 from lfref.report import drawing, plots
 from tests.report.test_pictures import PAPER, H, W, screen, stack
 
@@ -39,10 +38,6 @@ def line_of(axes, text):
     return next(line for line in axes.get_lines() if text in line.get_label())
 
 
-def visible(figure):
-    return [axes for axes in figure.axes if axes.get_visible()]
-
-
 def test_training_lines_are_the_rows_without_empty_cells():
     loss, mpsnr, mssim = plots.training_curves(metrics()).axes
     assert points(line_of(loss, "total")) == [(step, 1 / (1 + step)) for step in range(5)]
@@ -50,14 +45,6 @@ def test_training_lines_are_the_rows_without_empty_cells():
     assert points(mpsnr.get_lines()[0]) == [(1, 20.0), (2, 33.5), (4, 32.25)]
     assert "first 20.00 dB, best +13.50 dB, last +12.25 dB" in mpsnr.get_title("left")
     assert points(mssim.get_lines()[0]) == [(1, 0.5), (2, 0.9), (4, 0.8)]
-
-
-def test_planes_have_a_line_of_the_first_the_best_and_the_last_validation():
-    columns = {f"val/mpsnr_plane/alpha_{alpha:g}": metrics()["val/mpsnr"] + alpha for alpha in ALPHAS}
-    (axes,) = plots.validation_by_plane(metrics().assign(**columns)).axes
-    for name, mpsnr in (("first, step 1", 20.0), ("best, step 2", 33.5), ("last, step 4", 32.25)):
-        assert points(line_of(axes, name)) == [(alpha, mpsnr + alpha) for alpha in ALPHAS]
-    assert plots.validation_by_plane(metrics()) is None
 
 
 def test_quality_is_the_mean_over_light_fields_in_a_panel_of_each_reference_and_score():
@@ -74,23 +61,6 @@ def test_planes_without_alphas_lie_at_their_slopes_and_no_method_judges_itself()
     first, _ = plots.by_plane(rows).axes
     assert [points(line) for line in first.get_lines()] == [[(1 - 1 / alpha, 30 + alpha) for alpha in ALPHAS]]
     assert first.get_xlabel() == "Slope (px/view)"
-
-
-def test_every_class_has_a_panel_and_many_methods_one_each_in_which_others_are_grey():
-    def many(n, kind, lift=0.0):
-        rows = (planes(f"method_{i}", "truth", lift=i + lift) for i in range(n))
-        return pd.concat(rows).assign(**{"class": kind})
-
-    few, other = plots.by_plane(pd.concat([many(7, "ideal"), many(2, "sensor", -10.0)])).axes
-    assert [len(axes.get_lines()) for axes in (few, other)] == [7, 2]
-    assert [axes.get_title("left") for axes in (few, other)] == ["ideal, against truth", "sensor, against truth"]
-    assert points(other.get_lines()[1]) == [(alpha, 21 + alpha) for alpha in ALPHAS]
-    panels = visible(plots.by_plane(many(8, "ideal")))
-    assert [axes.get_title("left") for axes in panels] == [f"method_{i}" for i in range(8)]
-    for lift, axes in enumerate(panels):
-        *others, own = axes.get_lines()
-        assert points(own) == [(alpha, 30 + alpha + lift) for alpha in ALPHAS]
-        assert (own.get_color(), {line.get_color() for line in others}) == (drawing.BLUE, {drawing.PALE})
 
 
 def test_scatter_has_a_point_per_light_field_coloured_by_reference_shaped_by_method():
@@ -137,13 +107,6 @@ def test_without_truth_there_is_no_front_and_no_method_judges_itself():
     assert [points(mark) for mark in axes.get_lines()[:-1]] == [[(0.1, 30.0)], [(0.2, 28.0)], [(0.4, 45.0)]]
 
 
-@pytest.mark.parametrize(
-    ("reference", "scenes", "expected"), [("truth", 2, True), ("truth", 1, False), ("alone", 2, False)]
-)
-def test_one_light_field_and_a_method_that_judges_itself_have_no_front(reference, scenes, expected):
-    assert plots.has_front(bench([("alone", 1.0, 30.0)], reference).assign(scenes=scenes)) == expected
-
-
 def cause_rows():
     table = [
         ("points", "exact", True, 0.5, -1.0, 20.0, 0.0), ("points", "filled", False, 0.5, -1.0, 20.0, 15.0),
@@ -163,15 +126,12 @@ def test_causes_have_a_panel_for_the_mean_and_each_plane():
     assert marks == [[0.75, 7.0], [1.0, 15.0], [0.5, -1.0]]
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["noise", "points"]
     assert sorted(text.get_text() for text in figure.legends[0].get_texts()) == ["cost", "won by filled"]
-    some = plots.error_causes(cause_rows(), panels_at=[2.0])
-    assert [[bar.get_width() for bar in axes.patches] for axes in some.axes] == [[4.0, 12.0], [5.0, 4.0]]
 
 
 @pytest.mark.parametrize(
     ("planes", "titles", "values"),
     [
         (geometry.planes_at_alphas([0.2, 0.9, 1.9]), ["alpha 0.2", "alpha 0.9", "alpha 1.9"], (0, 0.01, 0.02)),
-        (FocalPlanes([3.0, 0.2, -2.0, 1.0]), ["slope -2", "slope 0.2", "slope 3"], (0.02, 0.01, 0)),
         (PAPER, ["alpha 0.125", "alpha 1", "alpha 2"], (0, 0.07, 0.15)),
     ],
 )

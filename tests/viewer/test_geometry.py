@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lfref.viewer
-from lfref.viewer.coding import Prediction
 
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="needs node")
 SOURCE = Path(lfref.viewer.__file__).parent / "geometry.js"
@@ -97,13 +96,6 @@ def test_the_nearest_surface_is_seen_from_any_viewpoint_under_any_tilt(lens, nea
     assert n_known >= 4
 
 
-def test_a_focus_puts_the_tilted_plane_through_the_point():
-    lens = LENS | {"tiltX": 0.8, "tiltY": -0.4}
-    assert computed("localSlope({ ...lens, slope: focusOn(lens, [0.2, 0.9], 0.3) }, [0.2, 0.9])", lens=lens) == (
-        pytest.approx(0.3)
-    )
-
-
 def test_a_plane_stands_for_what_the_whole_lens_shows_nearby():
     def held(**part):
         return computed("heldPlane([-1, 0, 1], lens, whole, [3, 2])", lens=WHOLE | part, whole=WHOLE)
@@ -186,28 +178,6 @@ def test_a_wrong_address_gives_a_picture(text):
     assert 0 <= state["lens"]["aperture"] <= 6
     assert 1 <= state["place"]["zoom"] <= 8
     assert None not in [*state["lens"].values(), *state["place"].values()]
-
-
-@pytest.mark.parametrize(("size", "camera", "own"), [((24, 30), (2, -3), (0, 0)), ((48, 60), (-1.5, 0.5), (0.5, 0.5))])
-def test_a_view_is_restored_as_it_is_predicted(size, camera, own):
-    random = np.random.default_rng(0)
-    reference, difference = (random.integers(0, 256, (24, 30, 4), np.uint8) for _ in range(2))
-    disparity = random.uniform(-1.3, 1.1, size)
-    restored = computed(
-        "(() => { const view = Uint8ClampedArray.from(difference); addPrediction(view, { pixels: reference, size: [30, "
-        "24], camera: own }, camera, { values: Float32Array.from(disparity), size: across }); return [...view]; })()",
-        difference=difference.ravel().tolist(),
-        reference=reference.ravel().tolist(),
-        disparity=disparity.ravel().tolist(),
-        across=size[::-1],
-        camera=camera,
-        own=own,
-    )
-    predicted = 255 * Prediction(reference[..., :3] / 255, own, disparity).view(camera)
-    expected = (predicted + difference[..., :3] - 128).clip(0, 255)
-    error = np.abs(np.reshape(restored, (24, 30, 4))[..., :3] - expected).max(-1)
-    # Rounding may choose the neighbour of a pixel of the map.
-    assert (error > 0.51).mean() < 0.005
 
 
 def test_surroundings_are_means_and_ends_of_windows_that_stop_at_the_border():

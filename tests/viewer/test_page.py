@@ -1,17 +1,13 @@
 """The page in a browser: from disk, by mouse, keyboard and finger, at any size, without the network."""
 
 import base64
-import dataclasses
 import io
-import re
 
 import numpy as np
 import pytest
 import torch
 
 from lfref.functional.psnr import psnr
-from lfref.lightfield import LightField
-from lfref.refocus import apertures
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
@@ -116,56 +112,6 @@ def open_drawer(tab):
 # The picture.
 
 
-def half_open(tmp_path):
-    """A picture whose left half is open."""
-    picture = Image.new("L", (40, 40), 0)
-    picture.paste(255, (0, 0, 20, 40))
-    picture.save(tmp_path / "half.png")
-    return tmp_path / "half.png"
-
-
-def test_a_picture_becomes_the_aperture_here_as_in_the_methods(opened, tmp_path):
-    tab = opened(f"#f={FAR}")
-    open_drawer(tab)
-    tab.set_input_files("#shape_file", half_open(tmp_path))
-    tab.wait_for_function("() => lens.shape === 'picture'")
-    settle(tab)
-    assert tab.input_value("#shape") == "picture"
-    assert "shape=picture" in tab.evaluate("() => location.hash")
-    field, _ = cases.scene()
-    weights = apertures.picture(field.grid, tmp_path / "half.png")
-    expected = shift_and_sum_through_cells(field.views, [FAR], weights=weights)[0]
-    other = shift_and_sum_through_cells(field.views, [FAR], weights=weights.flip(1))[0]
-    drawn = pixels(tab)
-    assert float(psnr(inner(drawn), inner(expected).double())) > 35
-    assert float(psnr(inner(drawn), inner(other).double())) < 30
-
-
-def test_the_page_gives_the_distance_in_focus_where_the_cameras_are_known(browser, tmp_path):
-    only = cases.methods()["linear"]
-    known = {"focal length": "50 mm", "sensor size": "25 mm", "baseline": "4 mm", "focus distance": "2 m"}
-    field = dataclasses.replace(only.field, metadata=known)
-    content = view_page.page_content({"x": dataclasses.replace(only, field=field)})
-    view_page.write(tmp_path / "index.html", "Known", {}, content)
-    context = browser.new_context(**WIDE)
-    tab = context.new_page()
-    tab.goto((tmp_path / "index.html").as_uri() + "#f=0.5")
-    tab.wait_for_function("() => drawing !== null")
-    settle(tab)
-    assert tab.text_content("#at_distance") == "1.01 m"  # 1 / (1 / 2 + .5 / (.004 * 256))
-    tap(tab, 0.5, 0.5)
-    slope, distance = re.fullmatch(r"Focus: slope (\S+), (\S+) m\.", tab.text_content("#status")).groups()
-    assert [float(slope), float(distance)] == pytest.approx([NEAR, 1 / (1 / 2 + NEAR / 1.024)], abs=0.02)
-    context.close()
-
-
-def test_it_opens_sharp_on_the_disc_and_shows_the_best_method(opened):
-    tab = opened()
-    assert state(tab)["slope"] == pytest.approx(NEAR, abs=0.05)
-    assert state(tab)["by"] == "plane"
-    assert tab.locator("#flat").evaluate("canvas => getComputedStyle(canvas).opacity") == "1"
-
-
 def test_the_lens_is_the_plain_sum_where_nothing_blurs(opened):
     tab = opened()
     field, truth = cases.scene()
@@ -224,28 +170,6 @@ def test_samples_without_weight_leave_no_shadow(browser, tmp_path):
     tab.context.close()
 
 
-def test_planes_without_views_are_shown_as_they_are(browser, tmp_path):
-    field = cases.scene()[0]
-    one = LightField(field.views[2:3, 2:3], "one")
-    shown = Refocused(one, cases.methods()["linear"].stack, cases.PLANES)
-    view_page.write(tmp_path / "index.html", "planes", {}, view_page.page_content({"planes": shown}))
-    errors, tab = [], browser.new_context(**WIDE).new_page()
-    tab.on("pageerror", lambda error: errors.append(str(error)))
-    tab.goto((tmp_path / "index.html").as_uri())
-    assert tab.locator("#aperture").count() == 0
-    for value, title in (("0", "far"), ("1", "near")):
-        tab.locator("#focus").fill(value)
-        tab.wait_for_function(
-            f"() => stage.dataset.rests === 'true' && Math.abs(nearness(lens.slope) - {value}) < 1e-9"
-        )
-        assert state(tab)["by"] == "plane", title
-        expected = shown.encoded(shown.stack[cases.PLANES.values.index(state(tab)["slope"])])
-        _, picture = saved(tab)
-        assert np.abs(picture - expected).mean() < 0.02
-    assert errors == []
-    tab.context.close()
-
-
 # Taps.
 
 
@@ -287,15 +211,6 @@ def test_taps_are_right_under_tilt_and_from_any_viewpoint(opened, part):
     )
     # Half a step of the planes; points that another surface hides from this viewpoint are not there to be tapped.
     assert (np.abs(misses) < 0.25).mean() >= 0.95
-
-
-def test_a_tap_on_unknown_disparity_keeps_the_focus(opened):
-    tab = opened()
-    tab.evaluate("() => depth.confidence.fill(0)")
-    before = state(tab)["slope"]
-    tap(tab, 0.1, 0.1)
-    assert state(tab)["slope"] == before
-    assert "unknown" in tab.inner_text("#status")
 
 
 # Gestures.
@@ -407,20 +322,6 @@ def test_methods_are_compared_without_loss(opened):
     assert max(difference[:3]) == 255, "8 times a difference of two fifths"
 
 
-def test_other_pictures_are_shown_and_saved(opened):
-    tab = opened()
-    open_drawer(tab)
-    for show in ("sharp", "map"):
-        tab.check(f"#show_{show}")
-        settle(tab)
-        assert state(tab)["by"] == show
-    name, picture = saved(tab)
-    assert name == "A_disc_script_alert_1_script_map.png"
-    assert picture.shape == (96, 128, 3)
-    tap(tab, 0.06, 0.12)
-    assert tab.is_checked("#show_picture")
-
-
 def test_the_picture_is_saved_in_its_own_pixels_with_its_focus_in_the_name(opened):
     tab = opened("#f=0.25&a=2")
     settle(tab)
@@ -494,10 +395,6 @@ def test_a_gallery_opens_its_pages_and_axe_finds_nothing(browser, tmp_path, widt
     tab.click("text=b#1")
     assert tab.title() == "here"
     context.close()
-
-
-def test_a_title_is_no_program(opened):
-    assert opened().inner_text("h1") == "A disc <script>alert(1)</script>"
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 Letters: `m` mean squared error, `x y` prediction and target, [B, C, H, W].
 """
 
-import itertools
 import math
 
 import numpy as np
@@ -12,22 +11,18 @@ import torch
 from torch import nn
 
 from lfref import geometry
-from lfref.bench.stability import reference_formulas as reference
-from lfref.bench.stability import textbook_formulas as textbook
-from lfref.bench.stability import trials
+from lfref.bench.stability import formulas
 from lfref.bench.stability.catalogue import noise
-from lfref.bench.stability.components import PERIODIC
-from lfref.bench.stability.trials import PRECISIONS
+from lfref.bench.stability.components import OPERATORS
 from lfref.functional.psnr import inverse_psnr, inverse_psnr_of_mse, psnr
-from lfref.functional.ssim import one_minus_ssim
 from lfref.losses.composite import CompositeLoss
 
 LOSS = CompositeLoss()
 
 
 def test_the_papers_term_is_exact_in_its_range():
-    m = torch.logspace(-10, math.log10(reference.JOIN), 2001, dtype=torch.float64)
-    m = m.clamp(reference.FLOOR, reference.JOIN)
+    m = torch.logspace(-10, math.log10(formulas.JOIN), 2001, dtype=torch.float64)
+    m = m.clamp(formulas.FLOOR, formulas.JOIN)
     exact = m.numpy().astype(np.longdouble)
     paper = -np.log(np.longdouble(10)) / 10 / np.log(exact)
     assert np.abs(inverse_psnr_of_mse(m).numpy().astype(np.longdouble) / paper - 1).max() <= 1e-12
@@ -36,52 +31,12 @@ def test_the_papers_term_is_exact_in_its_range():
     assert np.abs(values.double().numpy() / paper[1:-1].astype(float) - 1).max() <= 1e-6
 
 
-@pytest.mark.parametrize("name", ["float32", "autocast bfloat16"])
-def test_ssim_holds_at_every_mean_and_the_textbook_form_does_not(name):
-    def error(form):
-        errors = []
-        for mean, contrast in itertools.product((0.0, 0.9, 1000.0), (0.4, 0.01, 0.001)):
-            pair = [(mean + contrast * noise(2, 3, 40, 44, seed=seed)).float() for seed in (0, 1)]
-            values, _ = trials.run_formulation(form, tuple(pair), PRECISIONS[name])
-            errors.append((values - reference.one_minus_ssim(pair[0].double(), pair[1].double())).abs().max())
-        return float(torch.stack(errors).max())
-
-    assert error(one_minus_ssim) <= 1e-7
-    assert not error(textbook.one_minus_ssim) <= 1e-3
-
-
 def test_the_loss_never_falls_while_the_error_grows():
     error = torch.logspace(-15, 3, 2001, dtype=torch.float64).float()[:, None, None, None]
     assert bool((inverse_psnr(error, torch.zeros_like(error)).diff() >= 0).all())
     coarse = error[::4].expand(-1, 3, 8, 8)
     losses = torch.stack([LOSS(image, torch.zeros_like(image)) for image in coarse]).double()
     assert bool((losses.diff() >= 0).all())
-
-
-def drawn_pairs(n):
-    """Random pairs of images [1, 2, 7, 9] in three types, of any brightness, contrast and error; many degenerate."""
-    generator = torch.Generator().manual_seed(0)
-    dtypes = itertools.cycle((torch.float32, torch.float16, torch.bfloat16))
-    for dtype in itertools.islice(dtypes, n):
-        level, contrast, error = (10 ** (torch.rand(3, generator=generator) * 9 - 6)).tolist()
-        flat, equal, black = (torch.rand(3, generator=generator) < 0.2).tolist()
-        first, second = (2 * torch.rand(2, 1, 2, 7, 9, generator=generator) - 1).unbind()
-        target = 0 * first if black else min(level, 1000.0) + (0 if flat else min(contrast, 30.0)) * first
-        prediction = target if equal else target + min(error, 100.0) * second
-        yield prediction.to(dtype), target.to(dtype)
-
-
-def test_our_loss_is_finite_on_drawn_pairs_and_the_papers_is_not():
-    def share(loss):
-        count = 0
-        for x, y in drawn_pairs(300):
-            value = loss(x.requires_grad_(), y).sum()
-            (gradient,) = torch.autograd.grad(value, x)
-            count += bool(value.isfinite() & gradient.isfinite().all())
-        return count / 300
-
-    assert share(LOSS) == 1
-    assert share(textbook.composite) < 0.8
 
 
 def test_every_fit_reaches_30_db_and_none_by_the_papers_loss():
@@ -100,14 +55,14 @@ def test_every_fit_reaches_30_db_and_none_by_the_papers_loss():
         return float(psnr(pixels.detach(), labels).nan_to_num(-torch.inf).mean())
 
     assert min(fitted(LOSS, seed) for seed in (0, 1)) >= 30
-    assert min(fitted(textbook.composite, seed) for seed in (0, 1)) < 10
+    assert min(fitted(formulas.textbook_composite, seed) for seed in (0, 1)) < 10
 
 
-@pytest.mark.parametrize("name", PERIODIC)
+@pytest.mark.parametrize("name", [name for name, operator in OPERATORS.items() if operator.border == "wrap"])
 def test_every_operator_keeps_the_mean_of_periodic_views(name):
     views, weights = (0.4 + 0.3 * noise(7, 7, 1, 44, 45)).float(), torch.ones(7, 7, dtype=torch.float64)
     paper = geometry.planes_at_alphas(step / 8 for step in range(1, 17)).slopes
     even = torch.linspace(-7, 0.5, 16, dtype=torch.float64)
-    stack = PERIODIC[name].run(views, even if name == "focal stack transform" else paper, weights)
+    stack = OPERATORS[name].run(views, even if name == "focal stack transform" else paper, weights)
     means = stack.double().mean((-3, -2, -1))
     assert float((means / views.double().mean() - 1).abs().max()) <= 1e-6
