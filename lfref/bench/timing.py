@@ -45,13 +45,7 @@ def in_turns(
 ) -> dict[Key, list[float]]:
     """Times from several rounds in which all take turns, so that a slow spell of a shared machine falls on all alike.
 
-    Args:
-        watches: Functions that make one run and return its seconds.
-        rounds: One item per round.
-        warmup: Number of first rounds that do not count.
-
-    Returns:
-        Seconds of the counted runs, in their order, under the keys of the watches.
+    Each watch makes one run and returns its seconds; the first rounds, `warmup`, do not count.
     """
     times: dict[Key, list[float]] = {key: [] for key in watches}
     for _ in rounds:

@@ -40,9 +40,7 @@ class Answer(NamedTuple):
 def of_evaluation(summary: pd.DataFrame, planes: pd.DataFrame) -> Answer | None:
     """The answer for the rendered label, which is the truth, else for the first one; None without methods.
 
-    Args:
-        summary: Columns `method`, `reference`, `light_field`, `mpsnr_db`, `is_network`.
-        planes: Columns `method`, `reference`, `slope`, `psnr_db`; a row per plane of each light field.
+    The summary has `is_network` beside the columns of `accuracy.summaries`; planes are rows of `accuracy.plane_rows`.
     """
     rows = summary.rename(columns={"light_field": "scene", "mpsnr_db": "psnr_db"}).assign(**{"class": ""})
     means = rows.groupby([*SERIES, "class", "is_network"], sort=False)["psnr_db"].mean().reset_index()
@@ -52,10 +50,8 @@ def of_evaluation(summary: pd.DataFrame, planes: pd.DataFrame) -> Answer | None:
 def of_bench(bench: pd.DataFrame, scenes: pd.DataFrame) -> Answer | None:
     """The answer of the first class that the truth judges, else of the first class; None without methods.
 
-    Args:
-        bench: Columns `method`, `class`, `reference`, `psnr_db`, `is_network`, and `numpy_ffts` and those of
-            `accuracy.explained`, which may be missing.
-        scenes: Columns `method`, `class`, `reference`, `scene`, `psnr_db`.
+    Columns are `method`, `class`, `reference`, `psnr_db`; `is_network`, and perhaps `numpy_ffts` and those of
+    `accuracy.explained`, for the bench; `scene` for the scenes.
     """
     rows = tables.judged_by_others(bench.dropna(subset=["class", "psnr_db"]))
     rows = rows[rows["method"] != RIVAL]

@@ -26,15 +26,9 @@ MOST_AMPLIFIED = 64
 
 
 def write(folder: Path, view: Tensor, ours: Tensor, other: Tensor | None, reference: Tensor, margin: int = 0) -> None:
-    """Write the five pictures, or four if there is no other method.
+    """Write the five pictures, or four if there is no other method, of pictures [C, H, W] as a screen gets them.
 
-    Args:
-        folder: Run folder.
-        view: Centre view as a screen gets it, [C, H, W] in [0, 1].
-        ours: Our refocused picture, likewise.
-        other: That of the other method.
-        reference: The picture by which both are judged.
-        margin: Width of the border that does not count, in pixels.
+    A border of `margin` pixels does not count.
     """
     inner = slice(margin, -margin or None)
     row = {"view": view, "other": other, "ours": ours, "reference": reference}

@@ -1,7 +1,6 @@
 """The sheet of `lfref info`: central view, disparity, corner views, and light of each view."""
 
 import itertools
-from typing import Any
 
 import numpy as np
 import torch
@@ -46,16 +45,10 @@ def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int], gain: 
 
 
 def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
-    values, opacity = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
+    values, confidence = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
     low, high = inspection.slopes or (float(values.min()), float(values.max()))
-    look: dict[str, Any] = {"cmap": pictures.MAP, "vmin": low, "vmax": max(high, low + 0.01)}
-    # The map is drawn twice, first invisibly: the colour bar of a half transparent picture would be pale too.
-    shown = axes.imshow(values, alpha=0 * opacity, **look)
-    bar = axes.figure.colorbar(shown, ax=axes, pad=0.02)
-    if bar.solids is not None:
-        bar.solids.set_alpha(1)
-    axes.imshow(values, alpha=opacity.clip(0, 1), **look)
-    axes.set_title("disparity, px per view step; pale: low confidence", fontsize=9)
+    axes.imshow(pictures.greyed(pictures.coloured(values, low, high), confidence))
+    axes.set_title(f"disparity, {low:.3g} (dark) to {high:.3g} px per view step; grey: unknown", fontsize=9)
     axes.set_axis_off()
 
 

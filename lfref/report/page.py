@@ -45,12 +45,7 @@ def write_page(
 ) -> None:
     """Write the page as one file, all or nothing.
 
-    Args:
-        path: HTML file to write, usually `index.html`; an older one is replaced.
-        title: Heading of the page.
-        sections: Sections in reading order; several get a list of their titles and answers.
-        facts: Machine and versions, at the end of the page.
-        text: A paragraph below the heading.
+    Several sections get a list of their titles and answers; the text stands below the heading, facts at the end.
     """
     page = jinja2.Environment(
         loader=jinja2.PackageLoader("lfref.report", "."),

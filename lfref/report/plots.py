@@ -56,14 +56,6 @@ def _draw_steps(axes: Axes, metrics: pd.DataFrame, column: str, **style: Any) ->
     axes.plot(rows["step"], rows[column], marker="o" if len(rows) < 40 else "", markersize=3.5, **style)
 
 
-def _panels(figure: FigureBase, n: int, n_columns: int) -> list[Axes]:
-    """So many panels with common axes, in rows."""
-    grid = figure.subplots(math.ceil(n / n_columns), min(n, n_columns), squeeze=False, sharex=True, sharey=True).flat
-    for axes in grid[n:]:
-        axes.set_visible(False)
-    return list(grid[:n])
-
-
 def by_plane(planes: pd.DataFrame, columns: Iterable[str] = ("psnr_db",)) -> Figure:
     """Scores against alpha, or slope if a plane has no alpha: a part per class, reference and score, a line per method.
 
@@ -103,7 +95,10 @@ def _draw_lines(
     figure.suptitle(title, fontsize=10.5, x=0.01, ha="left", color=BLACK)
     figure.supxlabel(labels[0], fontsize=9)
     figure.supylabel(labels[1], fontsize=9)
-    for axes, (name, own) in zip(_panels(figure, len(lines), COLUMNS), lines.items(), strict=True):
+    panels = figure.subplots(math.ceil(len(lines) / COLUMNS), COLUMNS, sharex=True, sharey=True).flat
+    for axes in panels[len(lines) :]:
+        axes.set_visible(False)
+    for axes, (name, own) in zip(panels, lines.items(), strict=False):
         for line in lines.values():
             axes.plot(line[x], line[y], color=PALE, linewidth=0.8)
         axes.plot(own[x], own[y], "o-", color=BLUE, markersize=3)
@@ -135,11 +130,7 @@ def front(rows: pd.DataFrame) -> Figure:
     """Accuracy against time: a panel per class, a point per method, and by the truth a step line, the Pareto front.
 
     Points of the front are full. Any other reference is the picture of a method: nearness to it is no quality, and
-    there is no front. A method is left out where it is its own reference.
-
-    Args:
-        rows: Columns `method`, `class`, `reference`, `median_s`, `p10_s`, `p90_s`, `psnr_db`; a row per method and
-            class, and a row of method `FFT`, whose time is the unit.
+    there is no front. A method is left out where it is its own reference. The time of the row `FFT` is the unit.
     """
     unit = float(rows.loc[rows["method"] == FFT, "median_s"].iloc[0])
     methods = tables.judged_by_others(tables.capped(rows, "psnr_db")).dropna(subset=["median_s", "psnr_db"])
@@ -179,10 +170,8 @@ def has_front(rows: pd.DataFrame) -> bool:
 def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = None) -> Figure:
     """Bars for the cost of each cause, marks for what each remedy wins back; panels for the mean and for each plane.
 
-    Args:
-        by_plane: Columns `cause`, `method`, `is_base`, `alpha`, `slope`, `cost_db`, `won_db`; costs are those of base
-            methods, and the other methods are remedies.
-        panels_at: Alphas, or slopes, of the planes that get a panel; None: all. The mean is always over all planes.
+    Costs are those of base methods; the other methods are remedies. `panels_at` are alphas, or slopes, of the planes
+    that get a panel; None: all.
     """
     causes = by_plane["cause"].unique().tolist()[::-1]
     remedies = by_plane.loc[~by_plane["is_base"], "method"].unique().tolist()
@@ -213,12 +202,8 @@ def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = N
 def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Tensor) -> Figure:
     """The paper's comparison: a row per method, a column per plane, and a middle row with the mean of all views.
 
-    Its planes are those of the least and of the greatest slope, and the one nearest to slope 0.
-
-    Args:
-        stacks: Refocused stack of each method, [N, C, H, W] in [0, 1].
-        planes: The N planes.
-        mean_image: Mean of all views, [C, H, W]; it sets the exposure of all pictures.
+    Its planes are those of the least and of the greatest slope, and the one nearest to slope 0. The mean of all views,
+    [C, H, W], sets the exposure of all pictures.
     """
     shown, slopes = [], planes.slopes
     for place in (slopes.argmin(), slopes.abs().argmin(), slopes.argmax()):

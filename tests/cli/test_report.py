@@ -25,7 +25,7 @@ def test_a_run_that_cannot_be_shown_is_one_line_and_no_page(lfref, tmp_path):
     tables.write_table(tmp_path / "short" / "log" / "metrics.csv", [{"step": 1, "train/loss": 0.5}])
     status, errors = lfref("report", f"runs=[{tmp_path}/short]", f"output={tmp_path}/page")
     assert status == 1
-    assert "metrics.csv must have columns" in errors
+    assert "metrics.csv must have rows, with columns" in errors
     assert len(errors.strip().splitlines()) == 1
     assert not (tmp_path / "page" / "index.html").exists()
 

@@ -46,12 +46,6 @@ def _squared_error(m: float) -> Make:
     return _rounded(m**0.5 * noise(*SHAPE).sign(), torch.zeros(SHAPE))
 
 
-def _one_ulp(dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    target = (0.5 + 0.4 * noise(*SHAPE)).to(dtype)
-    bits = torch.int32 if dtype == torch.float32 else torch.int16
-    return (target.view(bits) + 1).view(dtype), target
-
-
 def _denormal(dtype: torch.dtype) -> tuple[Tensor, Tensor]:
     smallest = torch.finfo(dtype).smallest_normal
     return (smallest / 4 * noise(*SHAPE)).to(dtype), torch.zeros(SHAPE, dtype=dtype)
@@ -69,10 +63,6 @@ def _benign(shape: tuple[int, ...]) -> list[Tensor]:
     return [target + 0.05 * noise(*shape, seed=1), target]
 
 
-def _channels_last(dtype: torch.dtype) -> tuple[Tensor, ...]:
-    return tuple(image.to(dtype, memory_format=torch.channels_last) for image in _benign(SHAPE))
-
-
 def _flat(level: float) -> Make:
     return _rounded(level + 1e-3 * noise(*SHAPE), torch.full(SHAPE, level))
 
@@ -85,12 +75,10 @@ def _hot_pixel(value: float) -> Make:
 
 _BOARD = 0.5 + 0.4 * checkerboard(*SHAPE[-2:]).expand(SHAPE)
 _TARGET = 0.5 + 0.4 * noise(*SHAPE)
-_BRIGHT = (0.6 + 2 * noise(*SHAPE)).clamp(0, 1)
 
 IMAGES: tuple[HardCase, ...] = (
     HardCase("benign", _rounded(*_benign(SHAPE))),
     HardCase("identical images", _rounded(_TARGET, _TARGET)),
-    HardCase("one ulp apart", _one_ulp),
     *(HardCase(f"MSE {m:g}", _squared_error(m)) for m in (1e-30, 0.999, 1, 1.001, 4, 1e4)),
     *(HardCase(f"flat {level:g}, ripple .001", _flat(level)) for level in (0, 0.5, 0.9, 1)),
     HardCase("flat 0.5 against flat 0.6", _rounded(torch.full(SHAPE, 0.5), torch.full(SHAPE, 0.6))),
@@ -99,7 +87,6 @@ IMAGES: tuple[HardCase, ...] = (
         for mean in (0.9, 64, 1000)
         for contrast in (0.01, 0.001)
     ),
-    HardCase("saturated", _rounded(_BRIGHT, (_BRIGHT + 0.2 * noise(*SHAPE, seed=2)).clamp(0, 1))),
     HardCase("black against black", _rounded(torch.zeros(SHAPE), torch.zeros(SHAPE))),
     HardCase("black prediction", _rounded(torch.zeros(SHAPE), _TARGET)),
     HardCase("one hot pixel", _hot_pixel(1)),
@@ -115,7 +102,6 @@ IMAGES: tuple[HardCase, ...] = (
     HardCase("one -infinity in the target", _spoil_pixel(-torch.inf, 1)),
     HardCase("11 pixels wide", _rounded(*_benign((2, 3, 24, 11)))),
     HardCase("batch of 1", _rounded(*_benign((1, 3, 24, 32)))),
-    HardCase("channels last", _channels_last),
 )
 """Pairs of images (x, y), [B, C, H, W]; where a pixel is not finite, it is in the first image only."""
 
