@@ -36,7 +36,7 @@ class PictureFiles:
     """Quality of JPEG and AVIF files, from 1 to 100."""
 
     def __post_init__(self) -> None:
-        images.sample_type(Path(f"x{self.suffix}"), self.bits)
+        images.sample_type(Path(f"picture{self.suffix}"), self.bits)
 
     @property
     def suffix(self) -> str:

@@ -23,11 +23,9 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.functional import neighbours
 from lfref.io import atomic
 from lfref.io.disparity_files import Cameras
 from lfref.lightfield import LightField
-from lfref.refocus.disparity import cost_volume
 from lfref.refocuser import filling
 from lfref.report import pictures
 from lfref.report.refocused import Refocused
@@ -42,9 +40,8 @@ FIRST = "#first"
 """Address of the picture that the page shows first."""
 LEAST_SEEN, MOST_CROPPED = 0.5, 0.15
 """Share of the views that see a pixel which is shown, and largest share of a side that is cropped away for it."""
-WINDOW, CENTRAL = 9, 0.35
-"""Size of the windows, in pixels, whose texture says what people look at, and the standard deviation of their distance
-from the middle, as a share of the picture's sides."""
+CENTRAL = 0.35
+"""Standard deviation of the distance from the middle of what people look at, as a share of the picture's sides."""
 LEAST_MASK = 0.02
 """Weight of samples that have none, as a share of the largest. Where no view sees a pixel, the lens thereby shows what
 `_views` fills the views with, which continues the scene, and no black corners."""
@@ -218,15 +215,13 @@ def _dioptres(field: LightField, near: int) -> list[float] | None:
 
 
 def _interest(refocused: Refocused, nearness: NDArray[np.floating], confidence: NDArray[np.floating]) -> Tensor:
-    """How much each pixel is what people look at, [H, W]: textured, central, near, and of known disparity."""
+    """How much each pixel is what people look at, [H, W]: central, near, and of known disparity, hence textured."""
     height, width = refocused.field.size
-    grey = torch.from_numpy(refocused.encoded(refocused.sharp).mean(-1)).double()
-    texture = neighbours.box_mean(cost_volume.steepness(grey), WINDOW).sqrt()
     y, x = (torch.linspace(-0.5, 0.5, length, dtype=torch.float64) for length in (height, width))
     central = torch.exp(-(y[:, None].square() + x.square()) / (2 * CENTRAL**2))
     low, high = np.quantile(nearness, (0.02, 0.98))
     near = torch.from_numpy(((nearness - low) / max(high - low, 1e-9)).clip(0, 1))
-    return texture * central * (0.5 + near) * torch.from_numpy(confidence)
+    return central * (0.5 + near) * torch.from_numpy(confidence)
 
 
 def _start(planes: Sequence[float], slopes: NDArray[np.floating], interest: Tensor) -> dict[str, float]:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lfref import geometry
-from lfref.report import drawing, plots
+from lfref.report import plots
 from tests.report.test_pictures import PAPER, H, W, screen, stack
 
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
@@ -61,22 +61,6 @@ def test_planes_without_alphas_lie_at_their_slopes_and_no_method_judges_itself()
     first, _ = plots.by_plane(rows).axes
     assert [points(line) for line in first.get_lines()] == [[(1 - 1 / alpha, 30 + alpha) for alpha in ALPHAS]]
     assert first.get_xlabel() == "Slope (px/view)"
-
-
-def test_scatter_has_a_point_per_light_field_coloured_by_reference_shaped_by_method():
-    rows = [
-        {"method": method, "reference": reference, "mpsnr_db": 20.0 + index, "mssim": 0.8 + index / 100}
-        for method in ("net", "slice", "sum")
-        for reference in ("sum", "rendered")
-        for index in range(3)
-    ]
-    axes = plots.scatter(pd.DataFrame(rows)).axes[0]
-    lines = axes.get_lines()
-    assert [points(line)[2] for line in lines] == [(0.8 + 0.02, 22.0)] * 5  # the sum does not judge itself
-    assert [line.get_color() for line in lines] == [drawing.BLUE, drawing.RED] * 2 + [drawing.RED]
-    assert [line.get_marker() for line in lines] == ["o", "o", "^", "^", "s"]
-    assert axes.get_title("left") == "One point per light field, judged by sum, rendered"
-    assert axes.get_ylabel() == "MPSNR against the reference (dB)"
 
 
 def bench(rows, reference="truth"):

@@ -48,16 +48,6 @@ def test_a_prediction_follows_the_disparity(size, camera, own):
     assert differs.mean() < 0.005
 
 
-def test_a_plane_is_predicted_exactly():
-    whole = image(40, 50)
-    views = {x: whole[:, 10 + 2 * x : 40 + 2 * x] for x in (-2, 0, 2)}
-    # The camera at x shows each point 2 x pixels to the left: a disparity of -2.
-    prediction = Prediction(views[0], (0, 0), np.full((40, 30), -2.0))
-    for x in (-2, 2):
-        inner = slice(4, -4)
-        assert np.abs(prediction.view((x, 0)) - views[x])[:, inner].max() < 1e-5
-
-
 def test_quality_rises_until_it_is_enough():
     shown = cases.methods()["linear"]
     view = shown.encoded(shown.field.views[2, 2])

@@ -182,17 +182,11 @@ def network(activation: str = "softplus", normalization: str = "instance", seed:
         )
 
 
-def started(views: Tensor, labels: Tensor, initialization: str = "linear") -> Tensor:
+def started(views: Tensor, labels: Tensor) -> Tensor:
     """Stack of a new network that starts on these crops, whose labels are linear in the views."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        network = RefNet(
-            labels.shape[1],
-            views.shape[1:3],
-            widths=(32, 32),
-            stem_width=32,
-            initialization=initialization,
-        )
+        network = RefNet(labels.shape[1], views.shape[1:3], widths=(32, 32), stem_width=32)
     network.to(views.dtype).initialize(views, None, labels)
     return network(views)
 
