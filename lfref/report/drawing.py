@@ -3,7 +3,6 @@
 Colour-blind readers can distinguish the colours (Tol, "Colour schemes", SRON 2021, scheme "vibrant").
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,14 +38,14 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(temporary, **PNG)
 
 
-def series_style(index: int, colours: Sequence[str] = COLOURS) -> dict[str, Any]:
+def series_style(index: int) -> dict[str, Any]:
     """Colour and marker of series number `index`."""
-    return {"color": colours[index % len(colours)], "marker": MARKERS[index % len(MARKERS)]}
+    return {"color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)]}
 
 
-def style_axes(axes: Axes, x: str, y: str, title: str, pad: float = 6) -> None:
+def style_axes(axes: Axes, x: str, y: str, title: str) -> None:
     """Set title and labels; draw a pale grid, and no frame at the top and right."""
-    axes.set_title(title, fontsize=10.5, loc="left", color=BLACK, pad=pad)
+    axes.set_title(title, fontsize=10.5, loc="left", color=BLACK)
     axes.set(xlabel=x, ylabel=y)
     axes.tick_params(labelsize=9, color=GREY)
     axes.grid(color=PALE, linewidth=0.6)

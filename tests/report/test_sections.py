@@ -4,7 +4,6 @@ import pandas as pd
 import pytest
 
 from lfref.bench import accuracy
-from lfref.errors import FileError
 from lfref.report import drawing, page, sections, tables
 
 ALPHAS = (0.125, 1.0, 2.0)
@@ -144,11 +143,3 @@ def test_all_kinds_make_a_page_and_every_light_field_of_a_refocusing_run_is_show
     assert list(all_sections[-1].figures) == ["All planes of first", "All planes of second"]
     page.write_page(tmp_path / "index.html", "All", all_sections, {})
     assert (tmp_path / "index.html").read_text("utf-8").count("<section") == len(folders)
-
-
-def test_a_folder_without_results_and_a_table_without_its_columns_are_one_clear_error(tmp_path, benchmark):
-    with pytest.raises(FileError):
-        sections.sections([tmp_path / "empty"])
-    (benchmark / "scenes.csv").write_text("method,psnr_db\na,1.0\n")
-    with pytest.raises(FileError):
-        sections.sections([benchmark])
