@@ -149,8 +149,6 @@ def share_of_brightest(error: float) -> Tolerance:
 # Networks: RefNet with every activation and normalisation of the ablations, 11 blocks on degenerate views. Narrow
 # networks fail as wide ones do: the cause is the depth together with constant input.
 
-WIDTHS = (32,) * len(PAPER_WIDTHS)
-N_PLANES = 2
 NETWORK_ERROR = 1e-3
 """Tolerance of networks in float32, as a share of the brightest pixel: rounding grows through 11 normalisations."""
 
@@ -161,25 +159,14 @@ def network_components() -> list[Component]:
     choices += [("softplus", normalization) for normalization in NORMALIZATIONS if normalization != "instance"]
     components = []
     for activation, normalization in choices:
-        ours = network(activation, normalization)
+        make = functools.partial(RefNet, 2, catalogue.NETWORK_GRID, widths=(32,) * len(PAPER_WIDTHS), stem_width=32)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(0)
+            ours = make(activation=activation, normalization=normalization)
         name, exact = f"RefNet, {activation}, {normalization} norm", copy.deepcopy(ours).double()
         components.append(Component(name, {OURS: ours}, exact, _network_tolerance, catalogue.NETWORK_VIEWS))
     start = Component("linear start", {OURS: started}, lambda views, labels: labels, _start_tolerance, catalogue.STARTS)
     return [*components, start]
-
-
-def network(activation: str = "softplus", normalization: str = "instance", seed: int = 0) -> RefNet:
-    """A narrow RefNet of 11 blocks with random weights; the global random state does not change."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return RefNet(
-            n_planes=N_PLANES,
-            grid=catalogue.NETWORK_GRID,
-            activation=activation,
-            normalization=normalization,
-            widths=WIDTHS,
-            stem_width=WIDTHS[0],
-        )
 
 
 def started(views: Tensor, labels: Tensor) -> Tensor:
