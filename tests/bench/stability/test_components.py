@@ -1,6 +1,5 @@
 """Every component holds on its hard cases; textbook forms and wrong results are seen to fail."""
 
-
 import pytest
 
 from lfref.bench.stability import components, trials
