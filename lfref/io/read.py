@@ -165,7 +165,7 @@ def read(
         reverse_u: Whether the columns of views run to the left in the file.
         pattern: How the files of a folder are named: `row_column`, `column_row`, `index` (numbered row by row),
             `serpentine` (likewise, every second row from right to left; also of a film), or a regular expression with
-            the named groups `row` and `column`, or `index`; None: a name in `view_names`.
+            the named groups `row` and `column`, or `index`; None: by the names that `view_folders` knows.
         lenslet: Views along each axis of an ESLF image, whose lenslets are aligned with its pixels.
         pitch: Distance between lenslets that are not aligned, in pixels, also a fraction; or [rows, columns].
         offset: Centre [y, x] of any lenslet, in pixels from the middle of the first pixel; None: by the dark borders of

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfref.errors import InputError, LfrefError
-from lfref.io import images, read, view_folders, view_names
+from lfref.io import images, read, view_folders
 from lfref.io.samples import ReadOptions
 
 GRID = list(np.ndindex(3, 3))
@@ -70,7 +70,7 @@ def test_a_pattern_of_the_user_finds_the_place(view_folder, numbered_views, patt
 @pytest.mark.parametrize("wrong", ["(", "columns", r"(?P<row>\d)"])
 def test_what_is_no_pattern_is_refused(wrong):
     with pytest.raises(InputError):
-        view_names.compiled(wrong)
+        view_folders.compiled(wrong)
 
 
 def test_a_grid_that_is_no_square_is_numbered_where_the_option_says_so(view_folder, numbered_views):
