@@ -12,7 +12,7 @@ import torch
 from torch import Generator, Tensor
 
 import lfref
-from lfref.captures.correct import AUTO, correct_by_option
+from lfref.captures.correct import AUTO, correct
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import OperatorRefocuser
@@ -79,7 +79,7 @@ def one_defect() -> Iterator[str]:
         n_corrected = 0
         for name, scene in scenes.items():
             field = LightField(spoil(LIGHT * scene.views).clamp(0), name)
-            corrected, _ = correct_by_option(field, AUTO, None, "some methods need an even grid")
+            corrected, _ = correct(field, AUTO, None, "some methods need an even grid")
             n_corrected += corrected is not field
             for method in maps.METHODS:
                 before, after = (

@@ -10,7 +10,7 @@ Letters: `V U` view rows and columns, `C` channels, `n` windows; `y x` places in
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.captures import registration
+from lfref.captures.defect import Defect
 from lfref.functional import loops
 from lfref.functional.loops import compiled
 from lfref.lightfield import LightField
@@ -55,7 +56,6 @@ class Ratios(NamedTuple):
     """Row and column of the view that all are compared with."""
 
 
-@torch.no_grad()
 def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Ratios:
     """Light of each view relative to the central view, whose `disparity` is in pixels per view step, [H, W]."""
     height, width = field.size
@@ -103,7 +103,6 @@ def _window_means(maps: Tensor, side: int) -> Tensor:
     return F.avg_pool2d(maps.flatten(0, 1), side).flatten(2).unflatten(0, maps.shape[:2])
 
 
-@torch.no_grad()
 def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
     """Means of square blocks of images [B, C, H, W]; rows and columns that fill no block are dropped.
 
@@ -148,20 +147,16 @@ def _reduce(planes: NDArray, factor: int, limits: NDArray, means: NDArray) -> No
 
 
 @dataclass(frozen=True, eq=False)
-class ExposureDefect:
+class ExposureDefect(Defect):
     """Brightness of every view and channel, relative to the central view."""
 
-    name: ClassVar[str] = "exposure"
-    needs_light: ClassVar[bool] = True
+    name = "exposure"
+    needs_light = True
 
     gains: Tensor
     """Brightness over that of the central view, 1 where no difference is certain, float64, [V, U, C]."""
     error: float
     """Standard error of a gain, the median over views and channels."""
-
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: no gain differs from 1 by more than its error explains."""
-        return None if bool((self.gains != 1).any()) else f"views and colours agree to {self.error:.2%}"
 
     def summary(self) -> str:
         """Range of the gains, and their error."""
@@ -181,7 +176,9 @@ def find_exposure(ratios: Ratios) -> ExposureDefect:
     level, error, scatter = levels(ratios)
     is_enough = (ratios.known.sum(2, keepdim=True) >= LEAST_WINDOWS).expand_as(error)
     typical = float(error[is_enough].median()) if bool(is_enough.any()) else 0.0
-    return ExposureDefect(certain_gains(level, error.masked_fill(~is_enough, torch.inf), scatter), typical)
+    gains = certain_gains(level, error.masked_fill(~is_enough, torch.inf), scatter)
+    reason = "" if bool((gains != 1).any()) else f"views and colours agree to {typical:.2%}"
+    return ExposureDefect(gains, typical, reason_to_skip=reason)
 
 
 def certain_gains(level: Tensor, error: Tensor, scatter: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.captures.correct import Corrections, Defect, central_view, estimate_and_correct
+from lfref.captures.correct import Corrections, central_view, correct
 from lfref.captures.view_order import ViewOrderDefect
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
@@ -99,52 +99,39 @@ class Inspection:
         """Sixteen planes that span the range, those of `planes=auto`."""
         return AutoPlanes().between(self.slopes, self.field)
 
-    @property
-    def defects(self) -> tuple[Defect, ...]:
-        """The defects that would be corrected."""
-        return tuple(defect for defect in self.corrections.defects if defect.reason_to_skip() is None)
-
-    def defect(self, name: str) -> Defect | None:
-        """The estimate of a defect, whether it would be corrected or not; None: it was not estimated."""
-        return next((defect for defect in self.corrections.defects if defect.name == name), None)
-
     def advice(self) -> list[str]:
         """Options that would help, each with its reason, in one line."""
         lines = []
-        order = self.defect(ViewOrderDefect.name)
-        if isinstance(order, ViewOrderDefect) and order.remedy:
+        order = next((d for d in self.corrections.defects if isinstance(d, ViewOrderDefect)), ViewOrderDefect())
+        if order.remedy:
             lines.append(f"the views focus better in another order: give {order.remedy}")
-        if isinstance(order, ViewOrderDefect) and self.slopes is None and order.row_spacing != 1:
+        if self.slopes is None and order.row_spacing != 1:
             spacing = f"{order.row_spacing:.2g}"
             lines.append(f"rows seem {spacing} times as far apart as columns: give reader.spacing=[{spacing},1]")
         if self.field.metadata.get("encoding") == "srgb" and self.median_light < DARK:
             lines.append(f"half of the light is below {self.median_light:.1%}: if too dark, try reader.encoding=linear")
         if self.slopes is None:
             lines.append(NO_SLOPES)
-        if self.defects:
+        if self.corrections.active:
             lines.append("lfref refocus corrects these defects unless correct=none")
         return lines
 
     def lines(self) -> list[str]:
-        """The whole inspection as lines of two columns."""
+        """The inspection as lines of two columns: what the scene shows, then its defects, then advice."""
         field, planes = self.field, self.planes.values
-        form = {name: field.metadata[name] for name in ("format", "bits", "encoding") if name in field.metadata}
         span = "unknown"
         if self.slopes is not None:
             low, high = self.slopes
             span = f"{low:.3g} to {high:.3g} px per view step ({self.confident_share:.0%} of the textures are reliable)"
-        chosen_by = "planes=auto" if self.slopes else "planes=auto, the default where slopes are unknown"
-        rows = [
-            ("name", field.name),
-            ("form", ", ".join(f"{name} {value}" for name, value in form.items()) or "unknown"),
-            ("views", f"{field.grid[0]}x{field.grid[1]} of {field.size[0]}x{field.size[1]}x{field.views.shape[2]}"),
-            ("slopes", span),
-            ("planes", f"{len(planes)} from {planes[0]:.3g} to {planes[-1]:.3g} ({chosen_by})"),
-        ]
-        rows += [(defect.name, defect.reason_to_skip() or defect.summary()) for defect in self.corrections.defects]
-        rows += [(name, f"not estimated: {why}") for name, why in self.corrections.skipped.items()]
-        rows += [("try", text) for text in self.advice()]
-        return [f"{name:<12} {text}" for name, text in rows]
+        rows = {
+            "name": field.name,
+            **field.metadata,
+            "views": f"{field.grid[0]}x{field.grid[1]} of {field.size[0]}x{field.size[1]}x{field.views.shape[2]}",
+            "slopes": span,
+            "planes": f"{len(planes)} from {planes[0]:.3g} to {planes[-1]:.3g} (planes=auto)",
+            **self.corrections.texts(),
+        }
+        return [f"{name:<12} {text}" for name, text in [*rows.items(), *(("try", text) for text in self.advice())]]
 
     def as_dict(self) -> dict[str, Any]:
         """The inspection in plain containers, for JSON."""
@@ -159,11 +146,7 @@ class Inspection:
             "confident_share": self.confident_share,
             "planes": list(self.planes.values),
             "median_light": self.median_light,
-            "defects": {
-                defect.name: {"reason_to_skip": defect.reason_to_skip(), "summary": defect.summary()}
-                for defect in self.corrections.defects
-            },
-            "skipped": dict(self.corrections.skipped),
+            "defects": self.corrections.texts(),
             "advice": self.advice(),
         }
 
@@ -185,7 +168,7 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         (torch.Size([64, 80]), None)
     """
     view = central_view(field)
-    corrections = estimate_and_correct(field, white, view)[1]
+    corrections = correct(field, white=white)[1]
     ordered = field
     if ViewOrderDefect.name in corrections.active:
         ordered = corrections[ViewOrderDefect.name].corrected(field)
