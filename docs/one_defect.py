@@ -17,11 +17,9 @@ from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import Mosaic
-from lfref.simulator.effects.noise import Noise
+from lfref.simulator.effects.optics import Chromatic, Misalignment, Vignetting
+from lfref.simulator.effects.recording import Mosaic, Noise
 from lfref.simulator.effects.sensor import Sensor, recorded
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.scene import Scene
 
 SCENES = ("shards", "leaves", "twigs", "thicket", "floor", "dome", "gloss", "apple", "mirror", "lamps", "running")

@@ -13,7 +13,7 @@ from torch import Tensor
 
 import lfref
 from lfref.simulator import painting, planner, sim30, truth
-from lfref.simulator.effects.noise import Noise as SensorNoise
+from lfref.simulator.effects.recording import Noise as SensorNoise
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Leaf, Twigs
 from lfref.simulator.scene import Camera, Scene, Surface

@@ -30,23 +30,27 @@ def resample(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
         rows: Rows to read, in pixels from the centre, float64, [V, U, C, H], or 1 in place of V, U, C.
         columns: Columns to read, likewise, [..., W].
     """
-    leading, images = views.shape[:3], views.flatten(0, 2)
-    lines, line_weights = _taps(rows.expand(*leading, -1).flatten(0, 2), views, -2)
-    across, across_weights = _taps(columns.expand(*leading, -1).flatten(0, 2), views, -1)
+    leading, (height, width) = views.shape[:3], views.shape[-2:]
+    lines, down = _taps_of_images(rows.expand(*leading, -1), height, views)
+    samples, across = _taps_of_images(columns.expand(*leading, -1), width, views)
     read = [
-        _read(_read(image, lines[k], line_weights[k]).mT.contiguous(), across[k], across_weights[k]).mT
-        for k, image in enumerate(images)
+        _read(_read(image, lines[k], down[k]).mT.contiguous(), samples[k], across[k]).mT
+        for k, image in enumerate(views.flatten(0, 2))
     ]
     return torch.stack(read).unflatten(0, leading)
 
 
-def _taps(positions: Tensor, views: Tensor, axis: int) -> tuple[Tensor, Tensor]:
-    """Samples along an axis that positions [B, K] read, and their weights, [B, K, 8] each."""
-    n = views.shape[axis]
-    index = (positions + (n - 1) / 2).clamp(0, n - 1)
+def taps(positions: Tensor, length: int) -> tuple[Tensor, Tensor]:
+    """Samples of an axis that positions [...] in pixels from its centre read, and their weights, [..., 8] each."""
+    index = (positions + (length - 1) / 2).clamp(0, length - 1)
     whole = index.floor()
-    samples = (whole.long()[..., None] + torch.tensor(TAPS, device=index.device)).clamp(0, n - 1)
-    return samples.to(views.device), weights(index - whole).to(views)
+    samples = (whole.long()[..., None] + torch.tensor(TAPS, device=index.device)).clamp(0, length - 1)
+    return samples, weights(index - whole)
+
+
+def _taps_of_images(positions: Tensor, length: int, views: Tensor) -> tuple[Tensor, Tensor]:
+    samples, weight = taps(positions.flatten(0, 2), length)
+    return samples.to(views.device), weight.to(views)
 
 
 def _read(image: Tensor, samples: Tensor, weight: Tensor) -> Tensor:

@@ -16,13 +16,18 @@ from torch import Generator
 
 from lfref.errors import InputError
 from lfref.simulator import checks
-from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
-from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
+from lfref.simulator.effects.recording import (
+    PATTERNS,
+    Clipping,
+    Exposure,
+    Mosaic,
+    Noise,
+    Quantisation,
+    ToneCurve,
+    WhiteBalance,
+)
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive, Glass, Glossy, Material, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygon, Twigs
 from lfref.simulator.scene import Camera, Scene, Surface

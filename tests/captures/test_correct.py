@@ -6,9 +6,10 @@ import math
 
 import pytest
 import torch
+from lfref.captures.black_views import BlackViewsDefect
+from lfref.captures.hot_pixels import HotPixelsDefect
 
 from lfref import encoding, geometry
-from lfref.captures.black_views import BlackViewsDefect
 from lfref.captures.correct import (
     KINDS,
     CentralView,
@@ -19,7 +20,6 @@ from lfref.captures.correct import (
     correct_by_option,
     load,
 )
-from lfref.captures.hot_pixels import HotPixelsDefect
 from lfref.captures.registration import AlignmentDefect, SpacingDefect
 from lfref.captures.vignetting import Rim, falloff_gain, find_by_white, rim_gain
 from lfref.errors import FileError, InputError
@@ -27,7 +27,7 @@ from lfref.functional import noise_line
 from lfref.io.read import read
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.simulator.effects.noise import noisy
+from lfref.simulator.effects.recording import noisy
 
 from . import displaced, scenes
 from .scenes import clean

@@ -8,7 +8,6 @@ import torch
 from lfref import geometry
 from lfref.captures import displacements
 from lfref.captures.displacements import Patches
-from lfref.simulator.effects import displacement
 
 PLACES = torch.cartesian_prod(*[geometry.angular_offsets(5)] * 2)
 

@@ -13,7 +13,7 @@ import lfref
 from lfref.simulator import sim30
 from lfref.simulator.scene import Camera
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.vignetting import Vignetting
+from lfref.simulator.effects.optics import Vignetting
 from lfref.simulator.simulate import simulate
 
 torch.manual_seed(0)

@@ -7,7 +7,6 @@ import torch
 from lfref import geometry
 from lfref.captures import resampling
 from lfref.lightfield import LightField
-from lfref.simulator.effects import displacement
 
 
 def test_views_are_resampled_as_by_the_simulator():

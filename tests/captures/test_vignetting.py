@@ -18,7 +18,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
-from lfref.simulator.effects.vignetting import clipped_pupil, falloff
+from lfref.simulator.effects.optics import clipped_pupil, falloff
 from lfref.simulator.simulate import simulate
 
 from .scenes import ODD, clean, ratios, recorded, white

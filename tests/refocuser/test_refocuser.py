@@ -25,9 +25,8 @@ from lfref.refocuser.refocuser import (
     name_apart,
 )
 from lfref.simulator import sim30
-from lfref.simulator.effects import vignetting
+from lfref.simulator.effects.optics import Vignetting
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import shifted_views, texture
 

@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 
 from lfref.errors import InputError
 from lfref.simulator import materials, mattes, painting, sim30, surfaces, textures
-from lfref.simulator.effects.mosaic import Mosaic
-from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.optics import Vignetting
+from lfref.simulator.effects.recording import Clipping, Exposure, Mosaic, Noise, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive
 from lfref.simulator.mattes import Disc, Twigs
 from lfref.simulator.scene import Camera, Light, Scene, Surface

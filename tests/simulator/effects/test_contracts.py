@@ -7,13 +7,18 @@ import torch
 from torch.autograd import gradcheck
 
 from lfref.errors import InputError
-from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import Demosaic, Mosaic
-from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
+from lfref.simulator.effects.recording import (
+    Clipping,
+    Demosaic,
+    Exposure,
+    Mosaic,
+    Noise,
+    Quantisation,
+    ToneCurve,
+    WhiteBalance,
+)
 from lfref.simulator.effects.sensor import EFFECTS, Sensor, effect_chain
-from lfref.simulator.effects.vignetting import Vignetting
 
 SHAPES = [(3, 2, 3, 6, 7), (1, 1, 3, 3, 3)]
 ACTIVE = [

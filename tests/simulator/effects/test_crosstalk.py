@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lfref.simulator.effects.crosstalk import Crosstalk
+from lfref.simulator.effects.optics import Crosstalk
 
 GRIDS = [(5, 5), (1, 4), (2, 3)]
 

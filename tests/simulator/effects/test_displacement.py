@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from lfref import geometry
 from lfref.refocus.fourier import exact
-from lfref.simulator.effects import displacement
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
+from lfref.simulator.effects import optics
+from lfref.simulator.effects.optics import Chromatic, Misalignment
 
 
 @given(t=st.floats(0, 1, exclude_max=True), degree=st.integers(0, 7))
@@ -90,7 +90,7 @@ def band_limited(height, width, share):
 @pytest.mark.parametrize(("share", "tolerance"), [(0.1, 1e-4), (0.15, 2e-3)])
 def test_a_band_limited_picture_moves_as_by_fouriers_shift(share, tolerance):
     picture, (dx, dy) = band_limited(48, 50, share), (0.37, -1.2)
-    result = displacement.shift(picture.expand(1, 1, 3, 48, 50), torch.tensor([[[dx, dy]]]))[0, 0, 0]
+    result = optics.shift(picture.expand(1, 1, 3, 48, 50), torch.tensor([[[dx, dy]]]))[0, 0, 0]
     down = exact.shift_phases(exact.frequencies(48), torch.tensor(-dy, dtype=torch.float64))[:, None]
     across = exact.shift_phases(exact.half_frequencies(50), torch.tensor(-dx, dtype=torch.float64))
     expected = torch.fft.irfft2(torch.fft.rfft2(picture) * down * across, s=(48, 50))
@@ -100,7 +100,7 @@ def test_a_band_limited_picture_moves_as_by_fouriers_shift(share, tolerance):
 def test_whole_shifts_move_to_the_right_and_down():
     views = torch.rand(2, 2, 3, 9, 9)
     shifts = torch.tensor([[[0, 0], [1, 0]], [[0, 1], [-2, 3]]])
-    result = displacement.shift(views, shifts)
+    result = optics.shift(views, shifts)
     assert torch.equal(result[0, 0], views[0, 0])
     assert torch.equal(result[0, 1, ..., 1:], views[0, 1, ..., :-1])
     assert torch.equal(result[1, 0, :, 1:], views[1, 0, :, :-1])

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.simulator.effects.mosaic import PATTERNS, demosaicked, mosaicked
+from lfref.simulator.effects.recording import PATTERNS, demosaicked, mosaicked
 
 
 @pytest.mark.parametrize("pattern", list(PATTERNS))

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lfref.simulator.effects.noise import Noise, noisy
+from lfref.simulator.effects.recording import Noise, noisy
 
 N = 400_000
 LEVELS = [0.0, 0.1, 0.5, 2.0]

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.recording import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
 
 
 def applied(effect, views):

@@ -8,13 +8,9 @@ from hypothesis import strategies as st
 
 from lfref.errors import InputError
 from lfref.simulator import planner
-from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import Mosaic
-from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
+from lfref.simulator.effects.recording import Clipping, Exposure, Mosaic, Noise, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor, effect_chain, recorded, sensor_passes
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.planner import Pass
 from tests.simulator import drawing
 

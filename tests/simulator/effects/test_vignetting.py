@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from lfref.simulator.effects.vignetting import Vignetting, clipped_pupil, falloff
+from lfref.simulator.effects.optics import Vignetting, clipped_pupil, falloff
 
 
 def blank(*shape):

@@ -6,12 +6,12 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from lfref.captures.hot_pixels import HotPixelsDefect
 from torch.nn import functional as F
 
 from lfref.captures import hot_pixels
-from lfref.captures.hot_pixels import HotPixelsDefect
 from lfref.lightfield import LightField
-from lfref.simulator.effects.mosaic import demosaicked, mosaicked
+from lfref.simulator.effects.recording import demosaicked, mosaicked
 
 from .scenes import ODD, clean, view
 
