@@ -55,7 +55,7 @@ class Reflection(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """One painted surface, on a device."""
+    """One painted surface."""
 
     surface: Surface
     bitmap: Bitmap  # premultiplied colours and opacity, [4, h, w]
@@ -64,11 +64,6 @@ class Layer:
     reflection: Reflection | None = None
     is_traced: bool = False  # whether its rays are followed one by one; otherwise every view is a shifted copy
     is_sorted: bool = False  # whether it crosses another layer, so that layers are sorted at each pixel
-
-    @property
-    def device(self) -> torch.device:
-        """The device of its bitmap."""
-        return self.bitmap.samples.device
 
 
 def total_opacity(surface: Surface) -> float:

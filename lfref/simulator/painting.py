@@ -2,8 +2,7 @@
 
 Surfaces are sorted from far to near, hidden surfaces are left out, and visible surfaces are painted in full, opaque
 colours. Then come changes: light, opacity, outline, motion, mirrored pictures, highlights, and marks for rays and
-sorting. The planner skips a change that would leave all layers as they are. All layers are painted on the CPU, so that
-they are the same on every device.
+sorting. The planner skips a change that would leave all layers as they are.
 """
 
 import math

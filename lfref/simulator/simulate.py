@@ -135,13 +135,13 @@ def simulate(
             are followed one by one, layers are sorted by depth at each pixel, every surface gets a highlight and a
             mirror (black where the scene has none), a single layer is composited cell by cell instead of filtered
             once, and all effects of the sensor are applied. The number of cells of the aperture stays the same.
-        timed: Measure the milliseconds of each pass, waiting for an idle GPU before and after it.
+        timed: Measure the milliseconds of each pass.
 
     Returns:
         The outputs, and an explanation of each pass.
 
     Raises:
-        InputError: No scene, an unknown output, or slopes that are too large for the views.
+        InputError: An unknown output, or slopes that are too large for the views.
 
     Example:
         >>> from lfref.simulator import sim30
@@ -149,9 +149,6 @@ def simulate(
         >>> result.views.shape[:3], result.truth.shape[:2]
         (torch.Size([7, 7, 3]), torch.Size([2, 3]))
     """
-    if not isinstance(scene, Scene):
-        remedy = "take one of lfref.simulator.sim30.SCENES, or describe one: lfref.simulator.scene.Scene"
-        raise InputError("what is simulated must be a Scene", got=repr(scene), remedy=remedy)
     seeded = dataclasses.replace(scene, seed=scene.seed + seed)
     return Simulation(seeded, force=force).run(outputs, slopes, timed)
 
@@ -206,9 +203,8 @@ def nearest(disparity: Tensor, factor: int) -> Tensor:
 
 def averaged(pictures: Tensor, factor: int) -> Tensor:
     """Means of pictures [..., H, W] over squares of `factor` x `factor` pixels."""
-    flat = pictures.reshape(1, -1, *pictures.shape[-2:])
-    means = F.avg_pool2d(flat, factor)
-    return means.reshape(*pictures.shape[:-2], *means.shape[-2:])
+    flat = pictures.reshape(-1, *pictures.shape[-2:])
+    return F.avg_pool2d(flat, factor).unflatten(0, pictures.shape[:-2])
 
 
 def developed(pictures: Tensor, sensor: Sensor) -> Tensor:

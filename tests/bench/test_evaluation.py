@@ -10,7 +10,7 @@ import torch
 from lfref.bench import accuracy, evaluation
 from lfref.bench.accuracy import DisplayedStack
 from lfref.bench.evaluation import EvaluationCase
-from lfref.captures.correct import correct, correct_by_option
+from lfref.captures.correct import correct
 from lfref.encoding import LINEAR, SRGB
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
@@ -79,7 +79,7 @@ def test_corrections_bring_a_vignetted_scene_nearer_to_the_truth(correction, lea
 def test_corrected_cameras_stay_on_the_grid_that_all_methods_can_read():
     field = displaced.stretched("leaves", 1.2)
     assert correct(field)[0].positions is not None
-    assert correct_by_option(field, "auto", even_grid_for=evaluation.EVEN_GRID)[0].positions is None
+    assert correct(field, "auto", even_grid_for=evaluation.EVEN_GRID)[0].positions is None
 
 
 def test_operators_refocus_a_disc_scene_through_a_disc():

@@ -35,7 +35,7 @@ def stretched(name, ratio):
     """A picture that is taller has larger disparities along rows: as of rows of views farther apart."""
     field = clean(name)
     rows, columns = (geometry.angular_offsets(n) for n in field.size)
-    return dataclasses.replace(field, views=displacement.resample(field.views, rows / ratio, columns))
+    return dataclasses.replace(field, views=optics.resample(field.views, rows / ratio, columns))
 
 
 def noisy(field, size=0.02):

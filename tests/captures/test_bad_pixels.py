@@ -1,23 +1,25 @@
-"""Hot pixels: known ones are found and replaced; detail and noise stay bit for bit."""
+"""Hot pixels, black views and black corners: known ones are found and corrected; all else stays bit for bit."""
 
 import dataclasses
 import itertools
 
-import numpy as np
 import pytest
 import torch
-from lfref.captures.hot_pixels import HotPixelsDefect
 from torch.nn import functional as F
 
-from lfref.captures import hot_pixels
+from lfref.captures import bad_pixels
+from lfref.captures.bad_pixels import HotPixelsDefect
+from lfref.io.read import read
 from lfref.lightfield import LightField
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.effects.recording import demosaicked, mosaicked
 
 from .scenes import ODD, clean, view
 
 
 def found_in(field):
-    return hot_pixels.find(field, **view(field))
+    return bad_pixels.find_hot(field, **view(field))
 
 
 def spots(shape, count):
@@ -53,32 +55,20 @@ def test_samples_that_a_mosaic_has_spoilt_are_replaced_too():
 
 
 @pytest.mark.parametrize("name", [*ODD, "lattice", "stripes", "bokeh"])
-def test_detail_is_left(name):
-    assert found_in(clean(name)).reason_to_skip() is not None
-
-
-def test_noise_is_left():
-    field = clean("shards")
+def test_detail_and_noise_are_left_and_no_view_is_black(name):
+    field = clean(name)
     noisy = dataclasses.replace(field, views=field.views + 0.03 * torch.randn(field.views.shape))
-    assert found_in(noisy).reason_to_skip() is not None
+    assert found_in(field).reason_to_skip
+    assert found_in(noisy).reason_to_skip
+    assert bad_pixels.find_black(field).reason_to_skip
 
 
-@pytest.mark.parametrize("views", [torch.zeros(3, 3, 3, 40, 60), torch.rand(1, 2, 3, 40, 60)])
-def test_black_views_and_two_views_have_no_hot_pixels(views):
-    assert found_in(LightField(views)).reason_to_skip() is not None
-
-
-def test_a_hot_sample_is_found_beside_points_that_other_views_confirm():
-    views = 0.5 + 0.001 * torch.rand(5, 5, 1, 40, 60)
-    for v, u in itertools.product(range(5), repeat=2):
-        views[v, u, 0, 14 + 3 * v, 24 + 3 * u] = 1.0
-    disparity = torch.zeros(40, 60)
-    disparity[14:27, 24:37] = 3.0
-    # A dead sample and one that it has spoilt.
-    views[1, 3, 0, 8, 40], views[1, 3, 0, 9, 41] = 0.1, 0.4
-    defect = hot_pixels.find(LightField(views), disparity, (2, 2))
-    assert defect.samples.tolist() == [[1, 3, 0, 8, 40], [1, 3, 0, 9, 41]]
-    assert defect.count == 1
+@pytest.mark.parametrize(
+    "views", [torch.zeros(3, 3, 3, 40, 60), torch.rand(1, 2, 3, 40, 60), torch.rand(1, 4, 3, 2, 9)]
+)
+def test_black_and_small_fields_are_left(views):
+    assert found_in(LightField(views)).reason_to_skip
+    assert bad_pixels.find_black(LightField(views)).reason_to_skip
 
 
 def spikes(height, count, size=192):
@@ -92,7 +82,7 @@ def spikes(height, count, size=192):
 
 @pytest.mark.parametrize(("height", "n_candidates"), [(0.0125, 40), (0.0075, 0)])
 def test_candidates_are_higher_than_a_fiftieth_of_the_brightest_samples(height, n_candidates):
-    assert len(hot_pixels.candidates(spikes(height, 40))[0]) == n_candidates
+    assert len(bad_pixels.candidates(spikes(height, 40))[0]) == n_candidates
 
 
 @pytest.mark.parametrize(("height", "is_candidate"), [(14.0, True), (10.0, False)])
@@ -100,13 +90,13 @@ def test_candidates_are_twelve_times_as_high_as_the_mean_extreme(height, is_cand
     views = torch.full((1, 1, 1, 64, 640), 0.5)
     views[..., 1::2, 1::2] += 0.01
     views[0, 0, 0, 32, 100] += height * 0.01
-    rows = hot_pixels.candidates(views)[0]
+    rows = bad_pixels.candidates(views)[0]
     assert ([0, 0, 0, 32, 100] in rows.tolist()) == is_candidate
 
 
 @pytest.mark.parametrize(("count", "n_candidates"), [(7000, 7000), (9000, 0)])
 def test_more_than_eight_thousand_candidates_are_texture(count, n_candidates):
-    assert len(hot_pixels.candidates(spikes(1.0, count))[0]) == n_candidates
+    assert len(bad_pixels.candidates(spikes(1.0, count))[0]) == n_candidates
 
 
 def decided(n, height=1.0, confirmed=0.0, detail=0.0, error=0.0):
@@ -117,7 +107,7 @@ def decided(n, height=1.0, confirmed=0.0, detail=0.0, error=0.0):
     own[:, 0, 0] = detail
     others[:, 0, 0] = detail
     others[:, 0, 1] = error
-    return hot_pixels.is_unconfirmed(own, others, torch.full((n,), height))
+    return bad_pixels.is_unconfirmed(own, others, torch.full((n,), height))
 
 
 @pytest.mark.parametrize(
@@ -142,7 +132,7 @@ def test_a_few_samples_above_the_disagreement_may_be_chance(n_hot, n, is_hot):
     own[:, 0, 0] = others[:, 0, 0] = 9.0
     others[n_hot:, 0, 1] = 9.0
     expected = [is_hot] * n_hot + [False] * (n - n_hot)
-    assert hot_pixels.is_unconfirmed(own, others, torch.ones(n)).tolist() == expected
+    assert bad_pixels.is_unconfirmed(own, others, torch.ones(n)).tolist() == expected
 
 
 @pytest.mark.parametrize(("n_hot", "is_hot"), [(8, False), (13, True)])
@@ -150,7 +140,7 @@ def test_one_clear_sample_in_a_hundred_candidates_may_be_detail(n_hot, is_hot):
     own, others = torch.zeros(1000, 7, 7), torch.zeros(1000, 7, 7)
     own[:, 3, 3] = 1.0
     others[n_hot:, 3, 3] = 1.0
-    assert int(hot_pixels.is_unconfirmed(own, others, torch.ones(1000)).sum()) == n_hot * is_hot
+    assert int(bad_pixels.is_unconfirmed(own, others, torch.ones(1000)).sum()) == n_hot * is_hot
 
 
 def spot(top, beside, colour=1.0):
@@ -175,18 +165,13 @@ def spot(top, beside, colour=1.0):
 )
 def test_a_photosite_has_one_colour(others, is_single):
     colours = spot(0.5, 0.125) + others.roll(1, 0) - 0.2
-    assert hot_pixels.is_of_one_colour(colours).tolist() == [is_single]
-
-
-def test_a_grey_picture_stored_as_rgb_has_one_colour():
-    colours = spot(0.5, 0.0)[:1].expand(3, -1, -1, -1)
-    assert hot_pixels.is_of_one_colour(colours).tolist() == [True]
+    assert bad_pixels.is_of_one_colour(colours).tolist() == [is_single]
 
 
 def test_the_shape_of_a_clipped_glint_is_unknown():
     glint = spot(0.8, 0.4) + spot(0.8, 0.1).roll(1, 0) - 0.2
-    assert hot_pixels.is_of_one_colour(glint).tolist() == [False]
-    assert hot_pixels.is_of_one_colour(torch.cat([glint, 1.2 + 0 * glint], 1)).tolist() == [True, True]
+    assert bad_pixels.is_of_one_colour(glint).tolist() == [False]
+    assert bad_pixels.is_of_one_colour(torch.cat([glint, 1.2 + 0 * glint], 1)).tolist() == [True, True]
 
 
 @pytest.mark.parametrize(("height", "confirms"), [(0.45, False), (0.55, True)])
@@ -196,10 +181,10 @@ def test_a_spot_of_half_the_height_confirms(height, confirms):
     for sign in (1, -1):
         places = torch.zeros(1, 1, 7, 7)
         places[..., 2, 4] = height
-        assert bool(hot_pixels.sticking_as_far(sign * places, sign * own, torch.ones(1))) == confirms
+        assert bool(bad_pixels.sticking_as_far(sign * places, sign * own, torch.ones(1))) == confirms
     # A row through the place is no spot, unless it is brighter still.
     places[..., :4, :] += height
-    assert bool(hot_pixels.sticking_as_far(places, own, torch.ones(1))) == (height + height > 0.5 + height)
+    assert bool(bad_pixels.sticking_as_far(places, own, torch.ones(1))) == (height + height > 0.5 + height)
 
 
 def test_points_of_one_colour_are_confirmed_at_a_disparity_that_the_map_lacks():
@@ -209,24 +194,24 @@ def test_points_of_one_colour_are_confirmed_at_a_disparity_that_the_map_lacks():
     # The map has disparities from 1 to 1.5 elsewhere, not at the points.
     disparity = torch.full((40, 60), 1.0)
     disparity[0] = 1.5
-    assert hot_pixels.find(LightField(views), disparity, (2, 2)).count == 0
+    assert bad_pixels.find_hot(LightField(views), disparity, (2, 2)).count == 0
     # The points are hot pixels where no disparity of the scene explains them.
-    assert hot_pixels.find(LightField(views), disparity - 3, (2, 2)).count == 25
+    assert bad_pixels.find_hot(LightField(views), disparity - 3, (2, 2)).count == 25
 
 
 def test_colours_of_few_glints_are_no_hot_pixels():
     views = 0.5 + 0.001 * torch.rand(3, 3, 3, 64, 64)
     views[0, 0, 1, 8:56:8, 8:56:8] = 1.0
-    assert hot_pixels.find(LightField(views), torch.zeros(64, 64), (1, 1)).count == 36
+    assert bad_pixels.find_hot(LightField(views), torch.zeros(64, 64), (1, 1)).count == 36
     views[2, 0, :, 8:56:8, 8:56:8] += 0.45
-    assert hot_pixels.find(LightField(views), torch.zeros(64, 64), (1, 1)).count == 0
+    assert bad_pixels.find_hot(LightField(views), torch.zeros(64, 64), (1, 1)).count == 0
 
 
 @pytest.mark.parametrize(("share", "is_spoilt"), [(0.18, True), (0.12, False)])
 def test_samples_that_share_a_seventh_of_the_height_are_spoilt(share, is_spoilt):
     own = torch.zeros(1, 7, 7)
     own[0, 3, 3], own[0, 4, 5] = 1.0, share
-    spoilt = hot_pixels.with_spoilt(own, torch.zeros(1, 7, 7), torch.tensor([[0, 0, 0, 10, 10]]), (40, 40))
+    spoilt = bad_pixels.with_spoilt(own, torch.zeros(1, 7, 7), torch.tensor([[0, 0, 0, 10, 10]]), (40, 40))
     assert spoilt.tolist() == [[0, 0, 0, 10, 10]] + [[0, 0, 0, 11, 12]] * is_spoilt
 
 
@@ -240,28 +225,91 @@ def test_a_hot_sample_takes_the_mean_of_those_beside_it():
     assert float(corrected[0, 0, 0, 9, 12]) == pytest.approx(expected, rel=1e-5)
 
 
-def heights_by_windows(views):
-    """Heights of samples over the largest, or under the smallest, of the eight around them, by PyTorch."""
-    padded = F.pad(views, (1, 1, 1, 1), value=torch.nan)
-    shifts = [(dy, dx) for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
-    height, width = views.shape[-2:]
-    around = torch.stack([padded[..., dy : dy + height, dx : dx + width] for dy, dx in shifts])
-    return torch.maximum(views - around.amax(0), around.amin(0) - views)[..., 1:-1, 1:-1]
+def outside_circle(size, radius):
+    y, x = (torch.arange(length) - (length - 1) / 2 for length in size)
+    return y[:, None].square() + x.square() > radius**2
 
 
-def test_all_samples_above_a_height_are_listed():
-    views = torch.rand(3, 2, 13, 22)
-    expected = heights_by_windows(views[:, 1])
-    places, heights = np.empty((500, 3), np.int64), np.empty(500, np.float32)
-    count = hot_pixels.sticking_out(views.numpy(), 1, 0.1, places, heights)
-    np.testing.assert_array_equal(places[:count], ((expected > 0.1).nonzero() + torch.tensor([0, 1, 1])).numpy())
-    np.testing.assert_allclose(heights[:count], expected[expected > 0.1].numpy(), rtol=1e-6)
-    assert hot_pixels.sticking_out(views.numpy(), 1, 0.1, places[:4], heights[:4]) == 4
+def test_views_without_light_weigh_nothing_and_do_not_show():
+    field = clean("shards")
+    views = field.views.clone()
+    views[::6, ::6] *= 0.01
+    dark = LightField(views)
+    defect = bad_pixels.find_black(dark)
+    assert defect.views == ((0, 0), (0, 6), (6, 0), (6, 6))
+    assert "4 black views" in defect.summary()
+    weights = torch.ones(7, 7)
+    weights[::6, ::6] = 0
+    expected = shift_and_sum(field.views, [-0.4], weights=weights)
+    got = OperatorRefocuser("sum", shift_and_sum)(defect.corrected(dark), [-0.4])
+    torch.testing.assert_close(got, expected, atol=1e-5, rtol=0)
 
 
-def test_the_heights_of_all_extremes_are_added():
-    views = torch.rand(2, 1, 20, 30)
-    total, count = hot_pixels.total_height(views.numpy(), 0, 1)
-    heights = heights_by_windows(views[:, 0]).clamp(min=0)
-    assert count == int((heights > 0).sum())
-    np.testing.assert_allclose(total, float(heights.sum()), rtol=1e-5)
+@pytest.mark.parametrize(("light", "is_black"), [(0.04, True), (0.06, False)])
+def test_a_view_with_a_twentieth_of_the_light_is_black(light, is_black):
+    views = torch.full((3, 3, 1, 40, 40), 0.5)
+    views[2, 1] *= light
+    assert (bad_pixels.find_black(LightField(views)).views == ((2, 1),)) == is_black
+
+
+def test_round_black_corners_of_all_views_weigh_nothing():
+    field = clean("shards")
+    black = outside_circle(field.size, 108)
+    views = field.views.masked_fill(black, 0.0) + 0.002 * torch.rand(field.views.shape)
+    defect = bad_pixels.find_black(LightField(views))
+    assert bool(defect.corners[:, :, 0, black].all())
+    share = float(defect.corners.float().mean())
+    assert float(black.float().mean()) < share < 1.8 * float(black.float().mean())
+    corrected = defect.corrected(LightField(views))
+    assert torch.equal(corrected.weight == 0, defect.corners)
+    assert torch.equal(corrected.views, views)
+
+
+@pytest.mark.parametrize(
+    ("side", "light", "is_black"),
+    [(10, 0.015, True), (10, 0.025, False), (1, 0.0, False), (2, 0.0, True), (34, 0.0, True), (42, 0.0, False)],
+)
+def test_corners_below_a_fiftieth_of_the_light_from_2_pixels_to_two_fifths_of_a_side_are_black(side, light, is_black):
+    near = torch.minimum(torch.arange(100), torch.arange(99, -1, -1))
+    views = torch.ones(2, 2, 1, 100, 100).masked_fill(near[:, None] + near < side, light)
+    assert (bad_pixels.find_black(LightField(views)).corners is not None) == is_black
+
+
+def test_a_dark_scene_is_left():
+    views = 0.001 * torch.rand(5, 5, 3, 60, 80)
+    views[..., 20:40, 30:50], views[..., :20] = 0.8, 0
+    assert bad_pixels.find_black(LightField(views)).reason_to_skip
+
+
+def test_weights_of_the_light_field_stay():
+    views = torch.rand(3, 3, 3, 20, 30)
+    views[0, 1] = 0
+    weight = torch.full((3, 3, 1, 20, 30), 0.5)
+    weight[2, 2] = 0
+    field = LightField(views, weight=weight)
+    defect = bad_pixels.find_black(field)
+    assert defect.views == ((0, 1),)
+    expected = weight.clone()
+    expected[0, 1] = 0
+    assert torch.equal(defect.corrected(field).weight, expected)
+    assert bad_pixels.find_black(defect.corrected(field)).reason_to_skip
+
+
+def test_the_corners_of_a_real_capture_are_found(lytro):
+    field = read(lytro, encoding="linear")
+    defect = bad_pixels.find_black(field)
+    assert defect.views == ()
+    assert 0.015 < float(defect.corners.float().mean()) < 0.03
+    assert bool(defect.corners[:, :, 0, [0, 0, -1, -1], [0, -1, 0, -1]].all())
+    lit = field.views.amax(2, keepdim=True) > 0.03
+    assert float((defect.corners & lit).float().mean()) < 0.006
+
+
+def test_heights_are_those_over_the_largest_or_under_the_smallest_of_the_eight_around():
+    images = torch.rand(3, 13, 22)
+    heights = torch.zeros_like(images)
+    bad_pixels.write_heights(images.numpy(), heights.numpy())
+    windows = F.unfold(images[:, None], 3).unflatten(2, (11, 20))
+    middle, around = windows[:, 4], windows[:, [0, 1, 2, 3, 5, 6, 7, 8]]
+    expected = torch.maximum(middle - around.amax(1), around.amin(1) - middle)
+    torch.testing.assert_close(heights[:, 1:-1, 1:-1], expected)

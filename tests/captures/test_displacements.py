@@ -8,6 +8,7 @@ import torch
 from lfref import geometry
 from lfref.captures import displacements
 from lfref.captures.displacements import Patches
+from lfref.simulator.effects import optics
 
 PLACES = torch.cartesian_prod(*[geometry.angular_offsets(5)] * 2)
 
@@ -40,10 +41,6 @@ def test_a_patch_of_disparities_that_scatter_by_a_twentieth_needs_twice_the_text
     assert (48 in patches.columns.tolist()) == is_chosen
 
 
-def test_flat_pictures_have_no_patches():
-    assert len(displacements.choose_patches(torch.ones(128, 128), torch.zeros(128, 128), PLACES, 3).rows) == 0
-
-
 def test_patches_are_read_as_by_the_simulator():
     views = torch.rand(4, 2, 70, 80)
     patches = Patches(torch.tensor([20, 25]), torch.tensor([18, 40]), torch.zeros(2).double())
@@ -54,7 +51,7 @@ def test_patches_are_read_as_by_the_simulator():
     for k, i in ((0, 0), (1, 3)):
         rows = patches.rows[k] + moved[k, i, 0] + steps - (70 - 1) / 2
         columns = patches.columns[k] + moved[k, i, 1] + steps - (80 - 1) / 2
-        down, across = (displacement.matrix(*axis).float() for axis in ((rows, 70), (columns, 80)))
+        down, across = (optics.matrix(*axis).float() for axis in ((rows, 70), (columns, 80)))
         torch.testing.assert_close(samples[k, i], down @ views[i] @ across.mT, atol=2e-6, rtol=0)
 
 

@@ -497,7 +497,7 @@ def test_a_file_that_is_missing_or_damaged_is_one_line(lfref, grey, profile, tmp
     if n_bytes is not None:
         (tmp_path / "bad.pt").write_bytes(profile.read_bytes()[:n_bytes])
     line = assert_one_line(*lfref("refocus", tmp_path / "grey.exr", f"correct={tmp_path}/bad.pt", *QUICK))
-    assert ("no corrections at" if n_bytes is None else "must hold corrections") in line
+    assert "must hold corrections" in line
 
 
 def test_a_white_picture_is_read_like_the_input_and_tells_vignetting(lfref, tmp_path):
@@ -557,7 +557,7 @@ def test_positions_that_were_asked_for_are_still_refused_by_those_who_do_not_tak
 
 
 def _spaced(grey, folder):
-    Corrections(grey.grid, grey.size, (SpacingDefect(1.25, 1.25, 0.001),)).save(folder / "spacing.pt")
+    Corrections(grey.grid, grey.size, (SpacingDefect(1.25, 0.001),)).save(folder / "spacing.pt")
     return folder / "spacing.pt"
 
 

@@ -3,9 +3,8 @@
 Chromatic aberration and misalignment move pictures, by interpolation along rows and columns.
 Vignetting is falloff, cos^4 of the field angle, and the rim of the lens that clips the pupil (cat's eye). The rim is a
 disc that holds every view; off the axis it is displaced, and a view keeps the share of its cell that lies within it.
-Crosstalk: light that reaches a neighbouring pixel under its lenslet ends up in the neighbouring view. Its kernel is 3 x 3
-views, (a, 1 - 2a, a) along each axis. Light that would leave the grid stays in the outermost view, so that energy is
-conserved and uniform light stays uniform.
+Crosstalk: light that reaches a neighbouring pixel under its lenslet ends up in the neighbouring view. Its kernel is 3x3
+views, (a, 1 - 2a, a) along each axis. Light that would leave the grid stays in the outermost view: energy is conserved.
 Letters: `p q` view column and row from the angular centre, `x y` pixel from the picture's centre, in half diagonals of
 the picture for vignetting.
 """

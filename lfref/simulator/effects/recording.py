@@ -1,7 +1,7 @@
 """Effects of recording: exposure, mosaic, noise, limits and steps of samples, white balance and tone curve.
 
-Mosaic: every pixel of every view keeps one of its three colours. Each view has a mosaic of its own, as in a camera array;
-under the lenslets of a single sensor the phase would change from view to view. Demosaicing is linear: bilinear
+Mosaic: every pixel keeps one of its three colours. Each view has a mosaic of its own, as in a camera array; under the
+lenslets of a single sensor the phase would change from view to view. Demosaicing is linear: bilinear
 interpolation, corrected by the Laplacian of the colour that the pixel itself has.
 Noise is normally distributed, of variance a x + b at radiance x, independent from sample to sample.
 Sources: Malvar, He and Cutler, "High-quality linear interpolation for demosaicing of Bayer-patterned color images",
