@@ -41,8 +41,6 @@ Quadruple = tuple[np.floating, np.floating, np.floating, np.floating]
 """Weights of four samples, or red, green, blue and opacity."""
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom in pixels from the picture's centre."""
-Positions = tuple[Tensor, Tensor]
-"""X [M, H or 1, W] and Y [M, H, W or 1] in pixels, float64; if they form a grid, X has one row and Y one column."""
 
 
 @dataclass(frozen=True)

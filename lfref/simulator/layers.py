@@ -12,10 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
-from lfref.simulator.bitmaps import Bitmap, Positions
+from lfref.simulator.bitmaps import Bitmap
 from lfref.simulator.mattes import Full
 from lfref.simulator.scene import Camera, Surface
 from lfref.simulator.surfaces import Geometry
@@ -31,18 +28,6 @@ class Highlight(NamedTuple):
     drift: float
     x: float
     y: float
-
-    def light_at(self, positions: Positions, p: Tensor, q: Tensor, spread: float | Tensor = 0.0) -> Tensor:
-        """Light of the highlight at points of the surface, from aperture points [M, 1, 1], float64, [M, 3, H, W].
-
-        `spread` is the width in pixels of the box that blurs the lobe along both axes. A box of width b has the
-        variance b^2 / 12, and a wider lobe is lower.
-        """
-        offset_x = positions[0] - self.x - self.drift * p
-        offset_y = positions[1] - self.y - self.drift * q
-        variance = self.width**2 + spread**2 / 12
-        lobe = torch.exp(-(offset_x**2 + offset_y**2) / (2 * variance)) * self.width**2 / variance
-        return lobe[:, None] * lobe.new_tensor(self[:3])[:, None, None]
 
 
 class Reflection(NamedTuple):
