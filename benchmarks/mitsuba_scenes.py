@@ -198,7 +198,7 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     bsdf: dict[str, Any] = {"type": "conductor", "specular_reflectance": material.reflectance}
     if surface.opacity < 1:
         bsdf = {"type": "mask", "opacity": surface.opacity, "bsdf": bsdf}
-    gain = 1.0 if material.own_gain is None else material.own_gain
+    gain = material.gain if isinstance(material, Emissive) else 1.0
     own = gain * surface.opacity * (1 - material.reflectance)
     return _mesh(points, _texture_coordinates(x, y, canvas), bsdf, {"type": "area", "radiance": _bitmap(own * colours)})
 

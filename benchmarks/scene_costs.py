@@ -34,7 +34,7 @@ def costs() -> Iterator[str]:
         for output in ("views", "truth"):
             planned, forced = median[name, output, False], median[name, output, True]
             cells.append(f"{1e3 * planned:.0f} | {forced / planned:.2f}")
-        timed = simulate(sim30.SCENES[name], outputs=("views", "truth"), slopes=PAPER.slopes, timed=True).rows
+        timed = simulate(sim30.SCENES[name], outputs=("views", "truth"), slopes=PAPER.slopes).rows
         passes = sorted(((row.milliseconds or 0, row.name) for row in timed), reverse=True)
         total = sum(milliseconds for milliseconds, _ in passes)
         largest = ", ".join(f"{step} {100 * ms / total:.0f} %" for ms, step in passes if ms >= LARGE * total)

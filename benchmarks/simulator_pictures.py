@@ -55,7 +55,7 @@ def explanation() -> Iterator[str]:
     """The passes that ran for views and truth of a scene, as a block of text."""
     noisy = Scene(CAMERA, GARDEN, sensor=Sensor(noise=SensorNoise(1e-3)))
     # The first call compiles.
-    _, timed = (lfref.simulate(noisy, slopes=(FAR, NEAR), timed=True) for _ in range(2))
+    _, timed = (lfref.simulate(noisy, slopes=(FAR, NEAR)) for _ in range(2))
     yield "```"
     yield planner.table(timed.rows)
     yield "```"

@@ -12,16 +12,12 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.captures import registration
 from lfref.captures.defect import Defect
-from lfref.functional import loops
-from lfref.functional.loops import compiled
 from lfref.lightfield import LightField
 
 REDUCTION = 4  # pixels: brightness changes slowly, and disparities of a pixel become fractions of one
@@ -108,42 +104,8 @@ def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
 
     A mean is NaN if a sample of the block is NaN, or not below the limit of its channel; `limits` are [C].
     """
-    if images.device.type != "cpu" or images.dtype not in (torch.float32, torch.float64):
-        is_clipped = F.max_pool2d(images, factor) >= limits.to(images)[:, None, None]
-        return F.avg_pool2d(images, factor).masked_fill(is_clipped, torch.nan)
-    planes, tops = images.flatten(0, 1).numpy(), limits.to(images.dtype).repeat(len(images)).numpy()
-    height, width = (length // factor for length in images.shape[-2:])
-    means = np.empty((len(planes), height, width), planes.dtype)
-    # 2^18 samples per thread, by trial.
-    bands = loops.bands(len(planes), loops.worthwhile(planes.size, 1 << 18))
-    jobs = [(planes[i:j], factor, tops[i:j], means[i:j]) for i, j in bands]
-    loops.share(_reduce, jobs, len(jobs))
-    return torch.from_numpy(means).unflatten(0, images.shape[:2])
-
-
-@compiled
-def _reduce(planes: NDArray, factor: int, limits: NDArray, means: NDArray) -> None:
-    used = means.shape[2] * factor
-    total, largest = np.empty(used, planes.dtype), np.empty(used, planes.dtype)
-    for n in range(len(planes)):
-        for row in range(means.shape[1]):
-            # First along columns, a whole row at a time: these loops run on vectors.
-            # (An assignment of whole arrays would take one and a half seconds to compile.)
-            line = planes[n, row * factor, :used]
-            for x in range(used):
-                total[x] = largest[x] = line[x]
-            for f in range(1, factor):
-                line = planes[n, row * factor + f, :used]
-                for x in range(used):
-                    total[x] += line[x]
-                    largest[x] = max(largest[x], line[x])
-            for block in range(means.shape[2]):
-                light, top = total[block * factor], largest[block * factor]
-                for f in range(1, factor):
-                    light += total[block * factor + f]
-                    top = max(top, largest[block * factor + f])
-                # The comparison is false for NaN too.
-                means[n, row, block] = light / factor**2 if top < limits[n] else np.nan
+    is_clipped = F.max_pool2d(images, factor) >= limits.to(images)[:, None, None]
+    return F.avg_pool2d(images, factor).masked_fill(is_clipped, torch.nan)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,6 @@ corrections before it return.
 """
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,6 @@ from lfref.captures import bad_pixels, brightness, chromatic, registration, view
 from lfref.captures.defect import Defect
 from lfref.captures.registration import Registration, SpacingDefect
 from lfref.errors import CheckpointError, FileError, InputError, first_line
-from lfref.functional import noise_line
 from lfref.io import tensor_files
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
@@ -35,41 +33,6 @@ FORMAT = "lfref corrections 5"
 AUTO, NONE = "auto", "none"
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseDefect(Defect):
-    """Noise: the variance a x + b of a sample that holds the light x.
-
-    It is only measured: refocusing averages it away, and methods set their own limits by it.
-    """
-
-    name = "noise"
-    needs_light = True
-
-    shot: float = 0.0
-    """Variance a per unit of light."""
-    read: float = 0.0
-    """Variance b in the dark."""
-
-    def deviation(self, light: float) -> float:
-        """Standard deviation of a sample that holds this light."""
-        return math.sqrt(self.shot * light + self.read)
-
-    def summary(self) -> str:
-        """Standard deviations at three levels of light."""
-        deviations = ", ".join(f"{self.deviation(light):.4f} at {light:g}" for light in (0.01, 0.1, 0.5))
-        return f"standard deviation {deviations} (shot {self.shot:.2g}, read {self.read:.2g})"
-
-    def corrected(self, field: LightField) -> LightField:
-        """The same light field."""
-        return field
-
-
-def find_noise(field: LightField) -> NoiseDefect:
-    """Measure the noise of a light field."""
-    noise = NoiseDefect(*noise_line.measure(field))
-    return dataclasses.replace(noise, reason_to_skip=f"only measured: {noise.summary()}")
-
-
 KINDS: tuple[type[Defect], ...] = (
     view_order.ViewOrderDefect,
     bad_pixels.HotPixelsDefect,
@@ -79,7 +42,6 @@ KINDS: tuple[type[Defect], ...] = (
     chromatic.ChromaticDefect,
     registration.AlignmentDefect,
     SpacingDefect,
-    NoiseDefect,
 )
 """All defects in the order of correction."""
 
@@ -295,8 +257,6 @@ def _estimate_and_correct(
     if even_grid_for and not spacing.reason_to_skip:
         skipped |= _skipped_spacing(spacing, even_grid_for)
     correct_if_due(spacing)
-    if field.is_linear:
-        correct_if_due(find_noise(field))
     return field, Corrections(grid, size, tuple(defects), skipped)
 
 
@@ -319,15 +279,9 @@ def central_view(field: LightField) -> CentralView:
 
 
 def _check_white(field: LightField, white: LightField | None) -> None:
-    if white is None:
-        return
-    if (white.grid, white.size) != (field.grid, field.size):
-        expected = f"the white picture must have the {_shape(field)} of {field.name or 'the light field'}"
-        remedy = "read both with the same reader options, or leave white= out"
-        raise InputError(expected, got=_shape(white), remedy=remedy)
-    if field.is_linear and not white.is_linear:
-        remedy = "read both with the same reader.encoding"
-        raise InputError("the white picture must hold linear light", got="encoded samples", remedy=remedy)
+    if white and ((white.grid, white.size) != (field.grid, field.size) or (field.is_linear and not white.is_linear)):
+        expected = f"the white picture must have the {_shape(field)} of {field.name or 'the light field'}, as linear"
+        raise InputError(expected, got=_shape(white), remedy="read both with the same reader options")
 
 
 def _reason_to_estimate_nothing(field: LightField) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from lfref.simulator import materials
 from lfref.simulator.bitmaps import Bitmap
 from lfref.simulator.mattes import Full
 from lfref.simulator.scene import Camera, Surface
@@ -53,7 +54,7 @@ class Layer:
 
 def total_opacity(surface: Surface) -> float:
     """Opacity within the outline: the mirrored share hides the background; the rest has the surface's own opacity."""
-    return 1 - (1 - surface.material.reflectance) * (1 - surface.opacity)
+    return 1 - (1 - materials.reflectance(surface.material)) * (1 - surface.opacity)
 
 
 def is_backdrop(surface: Surface) -> bool:
@@ -63,7 +64,8 @@ def is_backdrop(surface: Surface) -> bool:
 
 def only_shifts(surface: Surface) -> bool:
     """Whether views of a surface differ by a shift alone."""
-    return surface.geometry.is_parallel and not surface.material.is_view_dependent
+    material = surface.material
+    return surface.geometry.is_parallel and not (materials.is_glossy(material) or materials.reflectance(material))
 
 
 Extent = tuple[float, float]

@@ -27,7 +27,7 @@ class Outcome(NamedTuple):
     name: str
     state: str  # `run` or `skipped`
     why: str
-    milliseconds: float | None  # duration in the last timed run; None without one
+    milliseconds: float | None  # duration in the last run; None without one
 
 
 class Stage(NamedTuple):
@@ -48,16 +48,15 @@ class Schedule:
     unneeded: tuple[Pass, ...] = ()  # passes on which no requested result depends
     milliseconds: dict[str, float] = field(default_factory=dict)  # duration of each pass, by its result
 
-    def run(self, timed: bool = False) -> dict[str, Any]:
-        """The requested results by name; `timed` measures each pass."""
+    def run(self) -> dict[str, Any]:
+        """The requested results by name."""
         last_use = {name: place for place, stage in enumerate(self.stages) for name in stage.needs}
         results: dict[str, Any] = {}
         for place, stage in enumerate(self.stages):
             inputs = [results[name] for name in stage.needs]
             start = time.perf_counter()
             results[stage.work.makes] = inputs[0] if stage.is_skipped else stage.work.run(*inputs)
-            if timed:
-                self.milliseconds[stage.work.makes] = 1000 * (time.perf_counter() - start)
+            self.milliseconds[stage.work.makes] = 1000 * (time.perf_counter() - start)
             # Large pictures are freed as soon as no later pass needs them.
             del inputs
             for name in stage.needs:

@@ -250,7 +250,7 @@ class RandomSensor:
             if option.name in RANDOM_EFFECTS:
                 checks.numbers(f"the share of {option.name}", [value], 0, 1)
             else:
-                checks.span(f"the range of {option.name}", value)
+                checks.pair(f"the range of {option.name}", value)
 
     def draw(self, draws: RandomDraws) -> Sensor:
         """A sensor; effects of share 0 draw no numbers. A range that an effect does not allow raises InputError."""
@@ -317,8 +317,8 @@ class RandomScenes(Scenes):
             checks.numbers(f"the share of {name}", [getattr(self, name)], 0, 1)
         checks.numbers("the shares of materials together", [sum(getattr(self, name) for name in MATERIALS)], 0, 1)
         for what, span in (("bulges", self.bulge), ("motions", self.motion)):
-            checks.span(f"the range of {what}", span)
-        checks.span("the range of opacities", self.opacity, 0, 1)
+            checks.pair(f"the range of {what}", span)
+        checks.pair("the range of opacities", self.opacity, 0, 1)
 
     def scene(self, seed: int, epoch: int, index: int) -> Scene:
         """The scene that seed, epoch and index fix."""

@@ -8,8 +8,6 @@ import torch
 from torch.nn import functional as F
 
 from lfref.captures import bad_pixels
-from lfref.captures.bad_pixels import HotPixelsDefect
-from lfref.io.read import read
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
@@ -71,34 +69,6 @@ def test_black_and_small_fields_are_left(views):
     assert bad_pixels.find_black(LightField(views)).reason_to_skip
 
 
-def spikes(height, count, size=192):
-    """Views of faint noise, with so many samples of this height on a coarse lattice."""
-    views = 0.5 + 0.001 * torch.rand(5, 5, 1, size, size)
-    index = torch.arange(count)
-    y, x = index // 25 // (size // 4), index // 25 % (size // 4)
-    views[index // 5 % 5, index % 5, 0, 4 * y + 2, 4 * x + 2] += height
-    return views
-
-
-@pytest.mark.parametrize(("height", "n_candidates"), [(0.0125, 40), (0.0075, 0)])
-def test_candidates_are_higher_than_a_fiftieth_of_the_brightest_samples(height, n_candidates):
-    assert len(bad_pixels.candidates(spikes(height, 40))[0]) == n_candidates
-
-
-@pytest.mark.parametrize(("height", "is_candidate"), [(14.0, True), (10.0, False)])
-def test_candidates_are_twelve_times_as_high_as_the_mean_extreme(height, is_candidate):
-    views = torch.full((1, 1, 1, 64, 640), 0.5)
-    views[..., 1::2, 1::2] += 0.01
-    views[0, 0, 0, 32, 100] += height * 0.01
-    rows = bad_pixels.candidates(views)[0]
-    assert ([0, 0, 0, 32, 100] in rows.tolist()) == is_candidate
-
-
-@pytest.mark.parametrize(("count", "n_candidates"), [(7000, 7000), (9000, 0)])
-def test_more_than_eight_thousand_candidates_are_texture(count, n_candidates):
-    assert len(bad_pixels.candidates(spikes(1.0, count))[0]) == n_candidates
-
-
 def decided(n, height=1.0, confirmed=0.0, detail=0.0, error=0.0):
     """Whether n samples of this height are hot, in surroundings of this range and this disagreement of other views."""
     own, others = torch.zeros(n, 7, 7), torch.zeros(n, 7, 7)
@@ -123,24 +93,6 @@ def decided(n, height=1.0, confirmed=0.0, detail=0.0, error=0.0):
 )
 def test_a_sample_is_hot_if_other_views_lack_it_and_it_exceeds_detail_or_disagreement(surroundings, expected):
     assert decided(10, **surroundings).tolist() == [expected] * 10
-
-
-@pytest.mark.parametrize(("n_hot", "n", "is_hot"), [(4, 4, True), (3, 3, False), (5, 12, False), (7, 12, True)])
-def test_a_few_samples_above_the_disagreement_may_be_chance(n_hot, n, is_hot):
-    own, others = torch.zeros(n, 7, 7), torch.zeros(n, 7, 7)
-    own[:, 3, 3] = 1.0
-    own[:, 0, 0] = others[:, 0, 0] = 9.0
-    others[n_hot:, 0, 1] = 9.0
-    expected = [is_hot] * n_hot + [False] * (n - n_hot)
-    assert bad_pixels.is_unconfirmed(own, others, torch.ones(n)).tolist() == expected
-
-
-@pytest.mark.parametrize(("n_hot", "is_hot"), [(8, False), (13, True)])
-def test_one_clear_sample_in_a_hundred_candidates_may_be_detail(n_hot, is_hot):
-    own, others = torch.zeros(1000, 7, 7), torch.zeros(1000, 7, 7)
-    own[:, 3, 3] = 1.0
-    others[n_hot:, 3, 3] = 1.0
-    assert int(bad_pixels.is_unconfirmed(own, others, torch.ones(1000)).sum()) == n_hot * is_hot
 
 
 def spot(top, beside, colour=1.0):
@@ -168,25 +120,6 @@ def test_a_photosite_has_one_colour(others, is_single):
     assert bad_pixels.is_of_one_colour(colours).tolist() == [is_single]
 
 
-def test_the_shape_of_a_clipped_glint_is_unknown():
-    glint = spot(0.8, 0.4) + spot(0.8, 0.1).roll(1, 0) - 0.2
-    assert bad_pixels.is_of_one_colour(glint).tolist() == [False]
-    assert bad_pixels.is_of_one_colour(torch.cat([glint, 1.2 + 0 * glint], 1)).tolist() == [True, True]
-
-
-@pytest.mark.parametrize(("height", "confirms"), [(0.45, False), (0.55, True)])
-def test_a_spot_of_half_the_height_confirms(height, confirms):
-    own = torch.zeros(1, 7, 7)
-    own[0, 3, 3] = 1.0
-    for sign in (1, -1):
-        places = torch.zeros(1, 1, 7, 7)
-        places[..., 2, 4] = height
-        assert bool(bad_pixels.sticking_as_far(sign * places, sign * own, torch.ones(1))) == confirms
-    # A row through the place is no spot, unless it is brighter still.
-    places[..., :4, :] += height
-    assert bool(bad_pixels.sticking_as_far(places, own, torch.ones(1))) == (height + height > 0.5 + height)
-
-
 def test_points_of_one_colour_are_confirmed_at_a_disparity_that_the_map_lacks():
     views = 0.5 + 0.001 * torch.rand(5, 5, 3, 40, 60)
     for v, u in itertools.product(range(5), repeat=2):
@@ -197,32 +130,6 @@ def test_points_of_one_colour_are_confirmed_at_a_disparity_that_the_map_lacks():
     assert bad_pixels.find_hot(LightField(views), disparity, (2, 2)).count == 0
     # The points are hot pixels where no disparity of the scene explains them.
     assert bad_pixels.find_hot(LightField(views), disparity - 3, (2, 2)).count == 25
-
-
-def test_colours_of_few_glints_are_no_hot_pixels():
-    views = 0.5 + 0.001 * torch.rand(3, 3, 3, 64, 64)
-    views[0, 0, 1, 8:56:8, 8:56:8] = 1.0
-    assert bad_pixels.find_hot(LightField(views), torch.zeros(64, 64), (1, 1)).count == 36
-    views[2, 0, :, 8:56:8, 8:56:8] += 0.45
-    assert bad_pixels.find_hot(LightField(views), torch.zeros(64, 64), (1, 1)).count == 0
-
-
-@pytest.mark.parametrize(("share", "is_spoilt"), [(0.18, True), (0.12, False)])
-def test_samples_that_share_a_seventh_of_the_height_are_spoilt(share, is_spoilt):
-    own = torch.zeros(1, 7, 7)
-    own[0, 3, 3], own[0, 4, 5] = 1.0, share
-    spoilt = bad_pixels.with_spoilt(own, torch.zeros(1, 7, 7), torch.tensor([[0, 0, 0, 10, 10]]), (40, 40))
-    assert spoilt.tolist() == [[0, 0, 0, 10, 10]] + [[0, 0, 0, 11, 12]] * is_spoilt
-
-
-def test_a_hot_sample_takes_the_mean_of_those_beside_it():
-    views = torch.rand(1, 1, 1, 20, 20)
-    offsets = torch.arange(-3, 4)
-    weight = torch.exp(-(offsets[:, None].square() + offsets.square()) / (2 * 0.6**2))
-    weight[3, 3] = 0
-    corrected = HotPixelsDefect(torch.tensor([[0, 0, 0, 9, 12]]), 1).corrected(LightField(views)).views
-    expected = float((weight * views[0, 0, 0, 6:13, 9:16]).sum() / weight.sum())
-    assert float(corrected[0, 0, 0, 9, 12]) == pytest.approx(expected, rel=1e-5)
 
 
 def outside_circle(size, radius):
@@ -243,13 +150,6 @@ def test_views_without_light_weigh_nothing_and_do_not_show():
     expected = shift_and_sum(field.views, [-0.4], weights=weights)
     got = OperatorRefocuser("sum", shift_and_sum)(defect.corrected(dark), [-0.4])
     torch.testing.assert_close(got, expected, atol=1e-5, rtol=0)
-
-
-@pytest.mark.parametrize(("light", "is_black"), [(0.04, True), (0.06, False)])
-def test_a_view_with_a_twentieth_of_the_light_is_black(light, is_black):
-    views = torch.full((3, 3, 1, 40, 40), 0.5)
-    views[2, 1] *= light
-    assert (bad_pixels.find_black(LightField(views)).views == ((2, 1),)) == is_black
 
 
 def test_round_black_corners_of_all_views_weigh_nothing():
@@ -279,30 +179,6 @@ def test_a_dark_scene_is_left():
     views = 0.001 * torch.rand(5, 5, 3, 60, 80)
     views[..., 20:40, 30:50], views[..., :20] = 0.8, 0
     assert bad_pixels.find_black(LightField(views)).reason_to_skip
-
-
-def test_weights_of_the_light_field_stay():
-    views = torch.rand(3, 3, 3, 20, 30)
-    views[0, 1] = 0
-    weight = torch.full((3, 3, 1, 20, 30), 0.5)
-    weight[2, 2] = 0
-    field = LightField(views, weight=weight)
-    defect = bad_pixels.find_black(field)
-    assert defect.views == ((0, 1),)
-    expected = weight.clone()
-    expected[0, 1] = 0
-    assert torch.equal(defect.corrected(field).weight, expected)
-    assert bad_pixels.find_black(defect.corrected(field)).reason_to_skip
-
-
-def test_the_corners_of_a_real_capture_are_found(lytro):
-    field = read(lytro, encoding="linear")
-    defect = bad_pixels.find_black(field)
-    assert defect.views == ()
-    assert 0.015 < float(defect.corners.float().mean()) < 0.03
-    assert bool(defect.corners[:, :, 0, [0, 0, -1, -1], [0, -1, 0, -1]].all())
-    lit = field.views.amax(2, keepdim=True) > 0.03
-    assert float((defect.corners & lit).float().mean()) < 0.006
 
 
 def test_heights_are_those_over_the_largest_or_under_the_smallest_of_the_eight_around():

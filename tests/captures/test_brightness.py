@@ -11,14 +11,6 @@ from lfref.lightfield import LightField
 
 from .scenes import ODD, clean, ratios
 
-UNLIMITED = torch.full((3,), torch.inf)
-
-
-def still(views):
-    """Ratios of views of a scene at disparity 0."""
-    grid, size = views.shape[:2], views.shape[-2:]
-    return brightness.ratios(LightField(views), torch.zeros(size), (grid[0] // 2, grid[1] // 2))
-
 
 def test_gains_are_measured_as_logarithms():
     field = clean("shards")
@@ -30,27 +22,6 @@ def test_gains_are_measured_as_logarithms():
     assert float(both.float().mean()) > 0.8
     # Disparities are estimated anew, so that windows lie a little elsewhere.
     assert float((changed.log - before.log - gains.log()[..., None]).abs().amax(2)[both].median()) < 0.003
-
-
-@pytest.mark.parametrize(("gain", "expected"), [(0.025, 0.025), (0.015, 0.02)])
-def test_ratios_count_down_to_a_fiftieth(gain, expected):
-    views = torch.full((1, 3, 1, 48, 48), 0.5)
-    views[0, 0] *= gain
-    torch.testing.assert_close(still(views).log[0, 0], torch.full((1, 16), expected).log())
-
-
-@pytest.mark.parametrize(("light", "is_known"), [(0.985, False), (0.975, True)])
-def test_nearly_clipped_windows_are_unknown(light, is_known):
-    views = torch.full((1, 3, 1, 48, 48), 0.5)
-    views[..., :12, :12] = light
-    assert bool(still(views).known[0, 0, 0]) == is_known
-
-
-@pytest.mark.parametrize(("light", "is_known"), [(0.035, True), (0.025, False)])
-def test_windows_with_three_hundredths_of_the_light_are_known(light, is_known):
-    views = torch.full((1, 3, 1, 144, 144), 0.5)
-    views[..., :12, :12] *= light
-    assert bool(still(views).known[0, 0, 0]) == is_known
 
 
 def test_windows_are_placed_where_the_views_show_them():
@@ -95,12 +66,6 @@ def test_a_field_of_equal_exposures_is_left(name):
     assert found_in(clean(name)).reason_to_skip
 
 
-def test_a_black_view_is_not_brightened():
-    views = clean("shards").views.clone()
-    views[0, 0] *= 0.01
-    assert bool((found_in(LightField(views)).gains[0, 0] == 1).all())
-
-
 def certain_gains(levels, errors, scatter=0.0):
     return brightness.certain_gains(levels, errors, torch.full_like(levels, scatter))
 
@@ -124,11 +89,6 @@ def test_a_gain_counts_if_it_is_certain_and_shows(level, error, is_corrected):
     torch.testing.assert_close(certain_gains(levels, torch.full_like(levels, error)), expected)
 
 
-def test_smaller_gains_are_corrected_beside_one_that_shows():
-    gains = certain_gains(torch.tensor([[[0.1], [0.0045], [0.0035]]]), torch.zeros(1, 3, 1))
-    assert (gains != 1).flatten().tolist() == [True, True, False]
-
-
 @pytest.mark.parametrize(("scatter", "gains"), [(0.06, 2), (0.068, 0), (0.044, 2), (0.036, 3)])
 def test_gains_that_scatter_explains_are_left(scatter, gains):
     # 1.5 times the scatter shows; beside that half of the scatter is enough.
@@ -140,13 +100,6 @@ def even_ratios(log, shape):
     """Ratios of these logarithms [V, U, C, n] at even places."""
     known = torch.ones(*log.shape[:2], log.shape[-1], dtype=torch.bool)
     return Ratios(log, known, torch.zeros(2, *known.shape), torch.zeros(2, *known.shape[:2], 1), shape, (0, 0))
-
-
-@pytest.mark.parametrize(("n", "is_enough"), [(20, False), (28, True)])
-def test_a_gain_needs_two_dozen_windows(n, is_enough):
-    log = torch.zeros(1, 3, 1, n)
-    log[0, 2] = 0.1
-    assert (not brightness.find_exposure(even_ratios(log, (4, n // 4))).reason_to_skip) == is_enough
 
 
 def test_errors_follow_repeated_trials_where_windows_of_one_tile_err_alike():

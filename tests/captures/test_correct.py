@@ -6,14 +6,11 @@ import pytest
 import torch
 
 from lfref import encoding
-from lfref.captures import correct as correct_module
-from lfref.captures.bad_pixels import BlackViewsDefect, HotPixelsDefect
-from lfref.captures.correct import KINDS, CentralView, Corrections, central_view, correct, find_noise, load
-from lfref.captures.registration import AlignmentDefect, SpacingDefect
+from lfref.captures.correct import KINDS, Corrections, central_view, correct, load
+from lfref.captures.registration import SpacingDefect
 from lfref.errors import FileError, InputError
 from lfref.io.read import read
 from lfref.lightfield import LightField
-from lfref.simulator.effects.recording import noisy
 
 from . import displaced, scenes
 from .scenes import clean
@@ -82,16 +79,6 @@ def test_a_white_picture_follows_the_order_of_the_views(shaded):
     assert_proportional(corrected, plain)
 
 
-def test_a_white_picture_counts_where_views_show_no_common_disparities(monkeypatch, shaded):
-    plain, field, white = shaded
-    monkeypatch.setattr(CentralView, "is_comparable", property(lambda view: False))
-    corrected, corrections = correct(field, white=white)
-    assert "vignetting" in corrections.active
-    assert "exposure" in corrections.skipped
-    assert_proportional(corrected, plain)
-    assert "vignetting" in correct(field)[1].skipped
-
-
 def test_corrections_or_white_pictures_that_do_not_fit_are_refused(vignetted, corrected, tmp_path):
     other = vignetted.crop(0, 0, 64, 64)
     for how, white, field in (
@@ -109,14 +96,6 @@ def test_corrections_or_white_pictures_that_do_not_fit_are_refused(vignetted, co
             load(tmp_path / name)
 
 
-@pytest.mark.parametrize("findings", [{"unheard": {}}, {"spacing": {"ratios": 1}}, ["spacing"]])
-def test_a_file_of_other_defects_is_refused(tmp_path, findings):
-    content = {"format": correct_module.FORMAT, "grid": (3, 3), "size": (32, 40), "findings": findings}
-    torch.save(content, tmp_path / "changed.pt")
-    with pytest.raises(FileError):
-        load(tmp_path / "changed.pt")
-
-
 def test_encoded_samples_are_not_scaled_as_light(vignetted, corrected):
     field = encoded(vignetted)
     same, corrections = correct(field)
@@ -126,16 +105,6 @@ def test_encoded_samples_are_not_scaled_as_light(vignetted, corrected):
     same, corrections = correct(field, corrected[1])
     assert same is field
     assert corrections.active == ()
-
-
-def test_encoded_samples_are_aligned_as_light():
-    field = displaced.misaligned("leaves", displaced.shifts())
-    (light, corrections), (coded, others) = correct(field), correct(encoded(field))
-    assert corrections.active == others.active == ("alignment",)
-    assert not coded.is_linear
-    error = encoding.SRGB.decode(coded.views) - light.views
-    before = field.views - light.views
-    assert error.square().mean() < 0.01 * before.square().mean()
 
 
 @pytest.mark.parametrize(
@@ -173,12 +142,6 @@ def test_an_even_grid_stays_even_on_request():
     assert correct(stretched, even_grid_for="it needs an even grid")[0].positions is None
 
 
-def test_disparity_has_the_size_of_the_views():
-    view = central_view(LightField(torch.rand(3, 3, 3, 201, 303)))
-    assert view.coarse.factor > 1
-    assert view.disparity.shape == view.confidence.shape == (201, 303)
-
-
 def test_a_real_capture_reaches_from_minus_one_and_a_half_to_one_half(lytro):
     view = central_view(read(lytro, encoding="linear"))
     assert view.reference == (4, 4)
@@ -187,42 +150,6 @@ def test_a_real_capture_reaches_from_minus_one_and_a_half_to_one_half(lytro):
     low, high = sure.quantile(torch.tensor([0.02, 0.98])).tolist()
     assert -1.5 < low < -1
     assert -0.1 < high < 0.5
-
-
-@pytest.mark.parametrize("name", ["gloss", "plane"])
-@pytest.mark.parametrize(("shot", "read"), [(2e-3, 1e-4), (0.0, 1e-4)])
-def test_noise_is_measured_and_stays(name, shot, read):
-    field = clean(name)
-    noise = find_noise(LightField(noisy(field.views, shot, read, torch.randn(field.views.shape))))
-    light = float(field.views.median())
-    assert noise.deviation(light) == pytest.approx((shot * light + read) ** 0.5, rel=0.12)
-    assert noise.reason_to_skip
-
-
-@pytest.mark.parametrize(
-    "views", [torch.zeros(3, 3, 3, 40, 60), torch.rand(1, 1, 1, 4, 4), torch.ones(1, 2, 3, 30, 30)]
-)
-def test_flat_and_small_fields_have_no_noise(views):
-    assert find_noise(LightField(views)).deviation(0.5) == 0
-
-
-def test_tensors_are_saved_exactly(tmp_path):
-    samples = torch.stack([torch.arange(5000) % n for n in (9, 9, 3, 64, 64)], 1)
-    corners, shifts = torch.rand(9, 9, 1, 64, 64) < 0.1, torch.randn(9, 9, 2, dtype=torch.float64)
-    defects = HotPixelsDefect(samples, 5000), BlackViewsDefect(((0, 0),), corners), AlignmentDefect(shifts, 0.01)
-    Corrections((9, 9), (64, 64), defects).save(tmp_path / "correction.pt")
-    loaded = load(tmp_path / "correction.pt")
-    assert torch.equal(loaded["hot_pixels"].samples, samples)
-    assert torch.equal(loaded["black_views"].corners, corners)
-    assert loaded["black_views"].views == ((0, 0),)
-    assert torch.equal(loaded["alignment"].shifts, shifts)
-
-
-def test_saved_gains_of_a_white_picture_give_the_same_picture(vignetted, tmp_path):
-    corrected, corrections = correct(vignetted, white=scenes.white("vignetting"))
-    corrections.save(tmp_path / "correction.pt")
-    again, _ = correct(vignetted, tmp_path / "correction.pt")
-    assert torch.equal(again.views, corrected.views)
 
 
 @pytest.mark.parametrize(

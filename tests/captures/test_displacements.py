@@ -1,7 +1,5 @@
 """Displacements: patches with texture are chosen and read, displaced waves measured, models fitted without outliers."""
 
-import math
-
 import pytest
 import torch
 
@@ -23,22 +21,6 @@ def test_patches_lie_where_texture_is_and_inside_all_views():
     everywhere = displacements.choose_patches(torch.rand(160, 200), torch.full((160, 200), 6.0), PLACES, 3)
     assert float(everywhere.rows.min()) >= 12
     assert float(everywhere.rows.max()) <= 160 - 12 - 16
-
-
-@pytest.mark.parametrize(("n_channels", "low", "high"), [(1, 85, 125), (999, 20, 32)])
-def test_there_are_24_to_100_patches_as_the_amount_of_samples_allows(n_channels, low, high):
-    patches = displacements.choose_patches(torch.rand(400, 400), torch.zeros(400, 400), PLACES, n_channels)
-    assert low < len(patches.rows) < high
-
-
-@pytest.mark.parametrize(("power", "is_chosen"), [(1.8, False), (2.2, True)])
-def test_a_patch_of_disparities_that_scatter_by_a_twentieth_needs_twice_the_texture(power, is_chosen):
-    grey, disparity, pattern = torch.zeros(400, 400), torch.zeros(400, 400), torch.rand(16, 16)
-    grey[48:64, 16:32] = pattern
-    grey[48:64, 48:64] = math.sqrt(power) * pattern
-    disparity[:, 40:80] = 0.05 * (1 - 2.0 * (torch.arange(40) % 2))
-    patches = displacements.choose_patches(grey, disparity, PLACES, 999)
-    assert (48 in patches.columns.tolist()) == is_chosen
 
 
 def test_patches_are_read_as_by_the_simulator():
@@ -75,15 +57,6 @@ def test_displacements_of_waves_are_measured_whatever_their_brightness_and_contr
     contrasts = torch.tensor([0.5, 1.0, 1.2, 0.9])[None, :, None, None, None]
     moved = measured(displacements.observe(0.1 + contrasts * samples, ALL))
     torch.testing.assert_close(moved - moved.mean(0), truth - truth.mean(0), atol=6e-3, rtol=0)
-
-
-@pytest.mark.parametrize(("contrast", "is_shown"), [(0.24, True), (0.16, False)])
-def test_views_with_a_fifth_of_the_contrast_count(contrast, is_shown):
-    contrasts = torch.ones(1, 40, 1, 1, 1)
-    contrasts[0, 7] = contrast
-    shown = displacements.observe(0.1 + contrasts * waves(0, 0), torch.ones(1, 40).double()).shown
-    assert bool(shown[0, 7]) == is_shown
-    assert int(shown.sum()) == 39 + is_shown
 
 
 X = torch.stack([torch.ones(60), torch.linspace(-1, 3, 60)], -1).double()[:, None]

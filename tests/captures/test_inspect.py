@@ -50,14 +50,6 @@ def test_the_option_for_a_reversed_axis_is_named(shards):
     assert reversed_rows.slopes == pytest.approx(inspect(shards).slopes, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ("light", "coding", "is_advised"), [(0.018, "srgb", True), (0.022, "srgb", False), (0.018, "linear", False)]
-)
-def test_the_option_for_a_picture_that_was_decoded_twice_is_named(light, coding, is_advised):
-    dark = LightField(torch.full((3, 3, 1, 32, 32), light), metadata={"encoding": coding})
-    assert any("reader.encoding=linear" in line for line in inspect(dark).advice()) == is_advised
-
-
 def hopeless() -> dict[str, torch.Tensor]:
     """Name -> views without a common scene, [V, U, C, 96, 120]."""
     picture, others, large = texture(3, 96, 120), texture(75, 96, 120).unflatten(0, (25, 3)), texture(3, 200, 240)
@@ -99,15 +91,6 @@ def test_the_real_capture_reaches_from_its_nose_to_the_wall(lytro):
 
 def flat(grid=(7, 7), size=(128, 192)) -> LightField:
     return LightField(torch.full((*grid, 1, *size), 0.5))
-
-
-def test_planes_run_from_end_to_end_of_a_scene():
-    truth = simulate(sim30.SCENES["shards"], outputs=["views", "disparity"])
-    planes = AutoPlanes(9).of(LightField(truth.views))
-    assert len(planes) == 9
-    assert planes.values[0] == pytest.approx(float(truth.disparity.min()), abs=0.1)
-    assert planes.values[-1] == pytest.approx(float(truth.disparity.max()), abs=0.1)
-    torch.testing.assert_close(planes.slopes.diff(), planes.slopes.diff()[:1].expand(8))
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,12 @@ import math
 
 import pytest
 import torch
-from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.captures import vignetting
 from lfref.captures.brightness import Ratios
 from lfref.captures.registration import positions_of
 from lfref.captures.vignetting import Rim, RimFit, VignettingDefect
-from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
@@ -56,10 +54,6 @@ def test_a_field_without_vignetting_has_none(name):
     assert vignetting.find(ratios(clean(name))).reason_to_skip
 
 
-def test_vignetting_of_black_views_is_unknown():
-    assert "unknown: too little" in vignetting.find(ratios(LightField(torch.zeros(3, 3, 3, 40, 60)))).reason_to_skip
-
-
 @pytest.mark.parametrize(
     ("gain", "error", "expected"),
     [
@@ -72,18 +66,6 @@ def test_a_rim_counts_if_it_explains_the_views_and_falloff_if_it_is_certain(gain
     defect = vignetting.certain_vignetting(RimFit(Rim(0.065, 1.5, 4.0), gain, error))
     assert (defect.falloff, defect.displacement) == expected
     assert (not defect.reason_to_skip) == bool(expected[1])
-
-
-@pytest.mark.parametrize(("least", "is_sure"), [(0.17, True), (0.13, False)])
-def test_falloff_counts_if_three_quarters_of_the_picture_show_half_of_it(least, is_sure):
-    defect = vignetting.certain_vignetting(RimFit(Rim(0.3, 1.5, 4.0), 1.0, 0.01, least))
-    assert defect.falloff == (0.3 if is_sure else 0.0)
-
-
-@pytest.mark.parametrize(("disagreement", "falloff"), [(0.045, 0.3), (0.055, 0.245), (0.4, 0.0)])
-def test_falloff_on_which_quarters_disagree_counts_less(disagreement, falloff):
-    defect = vignetting.certain_vignetting(RimFit(Rim(0.3, 1.5, 4.0), 1.0, 0.01, 0.2, disagreement))
-    assert defect.falloff == pytest.approx(falloff)
 
 
 @pytest.mark.parametrize("name", ["gloss", "window"])
@@ -128,26 +110,12 @@ def test_a_rim_is_fitted(rim):
     assert 0.001 < fit.falloff_error < 0.1
 
 
-@pytest.mark.parametrize(("light", "is_wrong"), [(0.08, False), (0.12, True)])
-def test_a_rim_that_leaves_no_light_where_a_view_has_a_tenth_is_wrong(light, is_wrong):
-    dark, even = Rim(0.0, 2.0, 2.0), ratios_of(Rim(), 0.0, torch.zeros(216))
-    shown = even._replace(log=torch.full_like(even.log, light).log())
-    assert vignetting.gives_up_light(dark, shown) == is_wrong
-    assert not vignetting.gives_up_light(Rim(0.0, 0.5, RADIUS), shown)
-
-
 def test_a_white_picture_gives_every_gain():
     field = recorded("vignetting")
     by_white = vignetting.find_by_white(white("vignetting"))
     whole = falloff(field.views, 0.6) * clipped_pupil(field.views, 0.5)
     assert float((by_white.gain(field) - whole).abs().max()) < 3e-3
     assert "white picture, down to" in by_white.summary()
-
-
-def test_a_noisy_white_picture_of_an_even_lens_changes_nothing():
-    assert "even" in str(vignetting.find_by_white(white("grainy")).reason_to_skip)
-    even = LightField(0.8 + 0.002 * torch.randn(3, 3, 3, 40, 60))
-    assert "even" in str(vignetting.find_by_white(even).reason_to_skip)
 
 
 @pytest.mark.parametrize(("gain", "is_corrected"), [(0.988, True), (0.992, False)])
@@ -192,14 +160,6 @@ def shaded():
     return views
 
 
-def test_gains_are_the_white_picture_over_its_middle_whatever_its_colour():
-    gains, error = vignetting.white_gain(shaded())
-    assert error < 1e-3
-    torch.testing.assert_close(gains[:, :, 2], gains[:, :, 0])
-    assert float(gains[1, 1, 0, 30, 30]) == pytest.approx(1, abs=0.01)
-    assert float(gains[0, 2, 1, 0, 30]) == pytest.approx(0.6, abs=0.01)
-
-
 def test_noise_is_smoothed_away_and_dust_stays():
     field = shaded()
     noisy = field + 0.01 * torch.randn(field.shape)
@@ -211,22 +171,3 @@ def test_noise_is_smoothed_away_and_dust_stays():
     field[0, 0, :, 20, 20] *= 0.5
     dusty = float(vignetting.white_gain(field)[0][0, 0, 0, 20, 20])
     assert dusty == pytest.approx(0.5 * float(exact[0, 0, 0, 20, 20]), rel=0.02)
-
-
-@pytest.mark.parametrize(("noise", "width"), [(0.0019, 0.0), (0.0021, 0.5), (0.0709, 10.0), (1.0, 10.0)])
-def test_the_smoothing_leaves_half_a_level_of_noise_and_is_ten_pixels_at_most(noise, width):
-    assert vignetting.smoothing_width(noise) == pytest.approx(width, rel=0.01)
-
-
-def test_the_noise_of_a_smooth_picture_is_measured():
-    assert vignetting.noise_of(shaded()[1, 1] + 0.02 * torch.randn(3, 60, 60)) == pytest.approx(0.02, rel=0.25)
-    assert vignetting.noise_of(shaded()[1, 1]) < 1e-3
-    shared = F.avg_pool2d(torch.randn(3, 242, 242), 3, 1)
-    assert vignetting.noise_of(0.7 + 0.03 * shared) == pytest.approx(0.03, rel=0.25)
-    assert vignetting.noise_of(torch.ones(3, 2, 2)) == 0
-
-
-@pytest.mark.parametrize("views", [torch.zeros(3, 3, 3, 16, 16), torch.full((3, 3, 3, 16, 16), torch.nan)])
-def test_a_black_white_picture_is_refused(views):
-    with pytest.raises(InputError, match="white"):
-        vignetting.white_gain(views)

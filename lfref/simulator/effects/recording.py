@@ -89,9 +89,6 @@ class Demosaic(Effect):
 
 def mosaicked(views: Tensor, pattern: str) -> Tensor:
     """One colour of every pixel, [..., 1, H, W], of views [..., 3, H, W] of at least 3 x 3 pixels."""
-    if min(views.shape[-2:]) < 3:
-        size = "x".join(map(str, views.shape[-2:]))
-        raise InputError("a mosaic needs views of at least 3x3 pixels", got=size)
     raw = views.new_empty(*views.shape[:-3], 1, *views.shape[-2:])
     for row, channels in enumerate(PATTERNS[pattern]):
         for column, channel in enumerate(channels):
@@ -154,8 +151,7 @@ class Clipping(Effect):
     high: float = 1.0  # largest value; inf: no limit
 
     def __post_init__(self) -> None:
-        are_numbers = all(isinstance(limit, int | float) for limit in (self.low, self.high))
-        if not (are_numbers and self.low < self.high):
+        if not self.low < self.high:
             raise InputError("a clipping needs a low limit below its high one", got=f"{self.low} and {self.high}")
 
     def inert(self, grid: tuple[int, int]) -> str | None:
@@ -175,9 +171,8 @@ class Quantisation(Effect):
 
     def __post_init__(self) -> None:
         # Float32 holds 24 bits, and scaling and rounding take some.
-        is_whole = isinstance(self.bits, int) and not isinstance(self.bits, bool)
-        if self.bits is not None and not (is_whole and 1 <= self.bits <= 20):
-            raise InputError("quantisation bits must be a whole number from 1 to 20", got=repr(self.bits))
+        if self.bits is not None:
+            checks.numbers("quantisation bits", [self.bits], 1, 20)
 
     def inert(self, grid: tuple[int, int]) -> str | None:
         """The effect is inert without a number of bits."""
