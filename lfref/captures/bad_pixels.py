@@ -342,15 +342,7 @@ def find_black(field: LightField) -> BlackViewsDefect:
 
 def _black_near_corner(views: Tensor, rows: int, columns: int, limit: Tensor) -> Tensor:
     """Black samples near one corner of all views, turned so that the corner comes first, bool, [V, U, h, w]."""
-    height, width = views.shape[-2:]
-    # The runs of black samples along both edges bound the box: only the box is searched, not the whole view.
-    row = _widened((views[..., _side(1, rows), :] < limit).all(2))[:, :, 0]
-    column = _widened((views[..., :, _side(1, columns)] < limit).all(2))[..., 0]
-    h, w = (
-        # 4 more samples: the ring at either end, and two samples with light that end the corner.
-        max(1, min(int(_run(line if turn > 0 else line.flip(-1)).max()) + 4, int(LARGEST_CORNER * length)))
-        for line, turn, length in ((column, rows, height), (row, columns, width))
-    )
+    h, w = (max(1, int(LARGEST_CORNER * length)) for length in views.shape[-2:])
     box = views[..., _side(h, rows), _side(w, columns)]
     return _turned(_widened((box < limit).all(2)), rows, columns).cpu()
 

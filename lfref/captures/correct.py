@@ -110,15 +110,7 @@ class Corrections:
         return dataclasses.replace(self, skipped={**self.skipped, **reasons})
 
     def apply(self, field: LightField) -> LightField:
-        """Correct this light field, or another one of the same camera.
-
-        Args:
-            field: A light field of the same grid and size; corrections that need linear light are skipped for encoded
-                samples.
-
-        Raises:
-            InputError: The light field has another grid or size.
-        """
+        """Correct a light field of the same grid and size; encoded samples skip corrections that need linear light."""
         if (field.grid, field.size) != (self.grid, self.size):
             raise InputError(f"the corrections are of {_shape(self)}", got=_shape(field))
         for name in self.skipping(_skipped_of_encoded(field)).active:
@@ -126,11 +118,7 @@ class Corrections:
         return field
 
     def save(self, path: str | Path) -> None:
-        """Write a file that `load` reads.
-
-        Raises:
-            FileError: The file cannot be written.
-        """
+        """Write a file that `load` reads."""
         # Not `dataclasses.asdict`, which copies tensors.
         findings = {defect.name: vars(defect) for defect in self.defects if not defect.reason_to_skip}
         contents = {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": findings}
@@ -138,11 +126,7 @@ class Corrections:
 
 
 def load(path: str | Path) -> Corrections:
-    """Read a file that `Corrections.save` wrote.
-
-    Raises:
-        FileError: The file is missing or damaged, or holds no corrections.
-    """
+    """Read a file that `Corrections.save` wrote; any other file raises FileError."""
     path, kinds = Path(path), {kind.name: kind for kind in KINDS}
     try:
         contents = tensor_files.read_checkpoint(path)
@@ -198,7 +182,8 @@ def correct(
     corrections = how if isinstance(how, Corrections) else load(how)
     corrections = corrections.skipping(_skipped_of_encoded(field))
     if even_grid_for and SpacingDefect.name in corrections.active:
-        corrections = corrections.skipping(_skipped_spacing(corrections[SpacingDefect.name], even_grid_for))
+        spacing = corrections[SpacingDefect.name]
+        corrections = corrections.skipping({spacing.name: f"{spacing.summary()}, but {even_grid_for}"})
     return corrections.apply(field), corrections
 
 
@@ -255,13 +240,13 @@ def _estimate_and_correct(
         registered = _registration(field, view)
     spacing = registration.find_spacing(registered)
     if even_grid_for and not spacing.reason_to_skip:
-        skipped |= _skipped_spacing(spacing, even_grid_for)
+        skipped |= {spacing.name: f"{spacing.summary()}, but {even_grid_for}"}
     correct_if_due(spacing)
     return field, Corrections(grid, size, tuple(defects), skipped)
 
 
 def _registration(field: LightField, view: CentralView) -> Registration | None:
-    """Registration of the views; None where no disparities are known, whose patches it would start from."""
+    """Registration of the views; None where no disparities are known, from which it would start."""
     return None if view.slopes is None else registration.register(field, view.disparity, view.reference)
 
 
@@ -296,10 +281,6 @@ def _reason_to_estimate_nothing(field: LightField) -> str:
 def _skipped_of_encoded(field: LightField) -> dict[str, str]:
     reason = "encoded samples are no light (reader.encoding=none)"
     return {} if field.is_linear else {kind.name: reason for kind in KINDS if kind.needs_light}
-
-
-def _skipped_spacing(spacing: Defect, even_grid_for: str) -> dict[str, str]:
-    return {spacing.name: f"{spacing.summary()}, but {even_grid_for}"}
 
 
 def _shape(field: "LightField | Corrections") -> str:

@@ -203,13 +203,10 @@ class Fitted(NamedTuple):
 
 
 def fit_linear(model: Tensor, observations: Tensor, information: Tensor, prior: Tensor | None = None) -> Fitted:
-    """Fit a linear model by iterated least squares, which give outliers less weight.
+    """Fit observations [N, A] by a linear model [N, A, M], by iterated least squares that give outliers less weight.
 
-    Args:
-        model: Effect of a parameter on an observation, [N, A, M].
-        observations: Values to explain, [N, A].
-        information: Inverse covariance of each observation, up to a common factor, [N, A, A].
-        prior: Inverse variance of each parameter about 0 before any observation, [M]; None: 0.
+    `information` is the inverse covariance of each observation, up to a common factor, [N, A, A]; `prior` the inverse
+    variance of each parameter about 0 before any observation, [M].
     """
     trust = torch.ones(len(observations), dtype=observations.dtype)
     known = torch.zeros(model.shape[-1], dtype=observations.dtype) if prior is None else prior

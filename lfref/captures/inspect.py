@@ -14,7 +14,6 @@ from torch import Tensor
 from lfref import geometry
 from lfref.captures.correct import Corrections, central_view, correct
 from lfref.captures.view_order import ViewOrderDefect
-from lfref.errors import InputError
 from lfref.functional import noise_line
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
@@ -43,10 +42,6 @@ class AutoPlanes:
 
     n: int = 16
     """Number of planes, at least 1."""
-
-    def __post_init__(self) -> None:
-        if isinstance(self.n, bool) or not isinstance(self.n, int) or self.n < 1:
-            raise InputError("planes.n must be a whole number of at least 1", got=self.n)
 
     def of(self, field: LightField) -> FocalPlanes:
         """The planes of a light field; `UNKNOWN` with a warning in the log where its range is unknown."""

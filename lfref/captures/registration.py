@@ -130,12 +130,7 @@ def _shown(field: LightField, patches: Patches, positions: Tensor) -> Tensor:
 def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor, unknown: Tensor) -> Explanation:
     """Find shifts and disparities by least squares, which give outliers less weight.
 
-    Args:
-        information: Information of patches, in inverse square pixels, [K, 2, 2].
-        moved: Displacements (down, right) of patches in pixels, [K, I, 2].
-        shown: 1 where a view shows a patch, else 0, [K, I].
-        positions: Positions (v, u) of views in view steps, [I, 2].
-        unknown: Patterns of shifts that are left at 0, orthonormal, [2I, M].
+    Arguments are those of a `Registration`; `unknown` are patterns of shifts that are left at 0, orthonormal, [2I, M].
     """
     n_views, trust = len(positions), shown
     unknown = _among(unknown, shown.any(0))

@@ -81,14 +81,7 @@ def _rows_reversed(field: LightField) -> LightField:
 
 @torch.no_grad()
 def find(reduced: ReducedViews) -> ViewOrderDefect:
-    """The order that explains reduced views of a light field.
-
-    Example:
-        >>> from lfref.captures import view_order
-        >>> from lfref.refocus.focus.slope_range import reduce_views
-        >>> view_order.find(reduce_views(torch.rand(5, 5, 3, 64, 64))).remedy
-        ''
-    """
+    """The order that explains reduced views of a light field."""
     reduced = slope_range.smallest(reduced)
     lines = [views for views in (reduced.along(0), reduced.along(1)) if len(views.indices) > 1]
     if not lines or min(reduced.pictures.shape[1:]) < 2:

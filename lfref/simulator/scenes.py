@@ -308,11 +308,6 @@ class RandomScenes(Scenes):
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        if not (1 <= self.n_surfaces[0] <= self.n_surfaces[1] and self.disparities[0] <= self.disparities[1]):
-            got = (self.n_surfaces, self.disparities)
-            raise InputError("ranges must go from small to large, with one surface at least", got=got)
-        if not 0 <= self.slant * sum(self.camera.half_aperture) <= STEEPEST:
-            raise InputError("slant must be from 0 to 0.5 / (half the view rows + half the columns)", got=self.slant)
         for name in ("domes", *MATERIALS, "translucent", "moving"):
             checks.numbers(f"the share of {name}", [getattr(self, name)], 0, 1)
         checks.numbers("the shares of materials together", [sum(getattr(self, name) for name in MATERIALS)], 0, 1)

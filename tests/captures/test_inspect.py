@@ -6,7 +6,6 @@ from scipy.ndimage import gaussian_filter
 
 import lfref
 from lfref.captures.inspect import AutoPlanes, inspect
-from lfref.errors import InputError
 from lfref.geometry import checked_slopes
 from lfref.lightfield import LightField
 from lfref.simulator import sim30
@@ -101,9 +100,3 @@ def test_planes_move_no_view_by_half_its_size(grid, size):
     checked_slopes(planes.slopes, grid, size)
     shifts = [planes.values[-1] * max((n - 1) / 2, 0.5) / length for n, length in zip(grid, size, strict=True)]
     assert max(shifts) == pytest.approx(0.49)
-
-
-@pytest.mark.parametrize("n", [0, -1, 2.5, True, "16"])
-def test_a_wrong_number_of_planes_is_refused(n):
-    with pytest.raises(InputError, match=r"planes\.n must be a whole number of at least 1"):
-        AutoPlanes(n)

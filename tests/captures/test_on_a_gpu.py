@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 CODE = """
 import dataclasses
@@ -49,6 +51,7 @@ print("done")
 """
 
 
+@pytest.mark.slow
 def test_captures_are_corrected_and_inspected_on_a_gpu_as_on_the_cpu():
     result = subprocess.run([sys.executable, "-c", CODE], cwd=ROOT, capture_output=True, text=True, timeout=280)
     assert result.stdout == "done\n", result.stderr[-2000:]

@@ -161,18 +161,3 @@ def test_views_that_cannot_be_registered_stay_in_their_places(views):
     assert registered(LightField(views)) is None
     assert registration.find_alignment(views.shape[:2], None).reason_to_skip
     assert registration.find_spacing(None).reason_to_skip
-
-
-@pytest.mark.parametrize(
-    ("excess", "error", "outermost", "scatter", "expected"),
-    [
-        (0.11, 0.02, 9.0, 0.0, True),  # five standard errors
-        (0.09, 0.02, 9.0, 0.0, False),
-        (0.022, 0.0, 1.0, 0.0, True),  # a shift of .04 pixels of the outermost view
-        (0.018, 0.0, 1.0, 0.0, False),
-        (0.5, 0.0, 9.0, 1.5, True),  # .6 of the scatter of patches
-        (0.5, 0.0, 9.0, 1.9, False),
-    ],
-)
-def test_a_ratio_counts_if_it_is_certain_shows_and_exceeds_the_scatter(excess, error, outermost, scatter, expected):
-    assert registration.is_certain(excess, error, torch.full((20,), 2.0), outermost, scatter) == expected

@@ -10,7 +10,7 @@ from lfref import geometry
 from lfref.captures import vignetting
 from lfref.captures.brightness import Ratios
 from lfref.captures.registration import positions_of
-from lfref.captures.vignetting import Rim, RimFit, VignettingDefect
+from lfref.captures.vignetting import Rim, VignettingDefect
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
@@ -52,20 +52,6 @@ def test_depth_determines_the_falloff_that_all_views_share(defect):
 @pytest.mark.parametrize("name", [*ODD, "plane", "vignetting"])
 def test_a_field_without_vignetting_has_none(name):
     assert vignetting.find(ratios(clean(name))).reason_to_skip
-
-
-@pytest.mark.parametrize(
-    ("gain", "error", "expected"),
-    [
-        (0.0045, 0.01, (0.065, 1.5)),
-        (0.0035, 0.01, (0.0, 0.0)),  # the clipped pupil explains the views no better
-        (0.0045, 0.012, (0.0, 1.5)),  # the falloff is below six standard errors
-    ],
-)
-def test_a_rim_counts_if_it_explains_the_views_and_falloff_if_it_is_certain(gain, error, expected):
-    defect = vignetting.certain_vignetting(RimFit(Rim(0.065, 1.5, 4.0), gain, error))
-    assert (defect.falloff, defect.displacement) == expected
-    assert (not defect.reason_to_skip) == bool(expected[1])
 
 
 @pytest.mark.parametrize("name", ["gloss", "window"])

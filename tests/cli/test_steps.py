@@ -410,7 +410,7 @@ SHIFTS = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SLICES = OperatorRefocuser("fourier_slice", fourier_slice)
 QUICK = ("method=shift_and_sum", "slopes=[-0.5,0.5]", "exposure=1")
 NAMES = ["view_order", "hot_pixels", "black_views", "vignetting", "exposure"]
-NAMES += ["chromatic", "alignment", "spacing", "noise"]
+NAMES += ["chromatic", "alignment", "spacing"]
 
 
 @pytest.fixture(autouse=True)

@@ -1,12 +1,10 @@
 """Layers: highlights, extents against random rays, which surfaces cross, and which hide others."""
 
-import pytest
 import torch
 from hypothesis import given, settings
 
 from lfref.simulator import layers
 from lfref.simulator.scene import Camera
-from lfref.simulator.surfaces import Dome, Plane
 from tests.simulator import drawing
 
 CAMERA = Camera((5, 7), (40, 48))
@@ -42,24 +40,3 @@ def test_surfaces_that_do_not_cross_keep_their_order_along_every_ray(one, other)
         ahead = layers.is_before(other, one, CAMERA, 2.0)
         assert ahead or layers.is_before(one, other, CAMERA, 2.0)
         assert bool((leads >= -1e-7).all() if ahead else (leads <= 1e-7).all())
-
-
-@pytest.mark.parametrize(
-    ("one", "other", "crosses"),
-    [
-        (Plane(0.0), Plane(0.5), False),
-        (Plane(0.0), Plane(0.0), False),
-        (Plane(0.0), Plane(1.0, (0.01, 0.0)), False),
-        (Plane(0.0), Plane(0.1, (0.01, 0.0)), True),
-        (Plane(0.0, (0.02, 0.01)), Plane(0.1, (0.02, 0.01)), False),
-        (Dome(0.0, 0.5, 30.0), Plane(0.5), False),
-        (Dome(0.0, 0.5, 30.0), Plane(0.0), False),
-        (Dome(0.0, 0.5, 30.0), Plane(0.3), True),
-        (Dome(0.0, -0.5, 30.0), Plane(-0.3), True),
-    ],
-)
-def test_only_surfaces_that_change_places_cross(one, other, crosses):
-    assert bool(layers.crossing_pairs([one, other], CAMERA, 0.0)) is crosses
-    # Planes that nothing crosses, farther and nearer, do not change the pair's indices.
-    pairs = layers.crossing_pairs([Plane(-9.0), other, one, Plane(9.0)], CAMERA, 0.0)
-    assert pairs == ([(1, 2)] if crosses else [])

@@ -50,14 +50,6 @@ def test_truth_is_what_a_square_lens_records(scene):
     assert psnr(truth[2], world(scene).through_square(SLOPES[2])) > AT_LEAST
 
 
-@pytest.mark.parametrize("view", [(3, 3), (0, 6)])
-def test_a_matte_surface_reflects_an_even_light(view):
-    v, u = view
-    scene = mitsuba_scenes.matte()
-    views = lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views
-    assert psnr(views[v, u], MitsubaScene(scene).view(u - 3, v - 3, samples=256)) > 55
-
-
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
 def test_a_fiftieth_of_a_pixel_would_be_seen(scene):
     beside = world(scene).view(-3 + 0.02, -3, samples=256)

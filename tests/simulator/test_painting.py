@@ -1,7 +1,5 @@
 """Painted surfaces: the right point, the right light, the same in any reach; and which changes run."""
 
-from dataclasses import replace
-
 import pytest
 import torch
 
@@ -10,7 +8,7 @@ from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
-from lfref.simulator.textures import Flat, Gradient, Noise
+from lfref.simulator.textures import Flat, Gradient
 from tests.simulator import drawing, eager
 
 CAMERA = Camera((5, 5), (40, 48))
@@ -104,11 +102,3 @@ def test_what_a_nearer_surface_hides_all_over_is_not_painted():
     assert [painting.layers.is_backdrop(layer.surface) for layer in layers] == [True, False]
     half = Scene(CAMERA, (*SEVERAL, Surface(Plane(0.6), GREY, opacity=0.5)))
     assert len(painting.paint(half)) == 5
-
-
-def test_textures_come_from_the_scenes_seed_and_the_place_in_its_list():
-    surface = Surface(Plane(0.0), Noise())
-    assert torch.equal(rgba_of(surface, seed=1), rgba_of(surface, seed=1))
-    assert not torch.equal(rgba_of(surface, seed=1), rgba_of(surface, seed=2))
-    far, near = painting.paint(Scene(CAMERA, (surface, replace(surface, opacity=0.5))))
-    assert not torch.equal(far.bitmap.samples, near.bitmap.samples)

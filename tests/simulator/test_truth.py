@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from lfref.functional.psnr import psnr
 from lfref.simulator import bitmaps, focal_planes, painting, truth, views
-from lfref.simulator.focal_planes import Cells
 from lfref.simulator.layers import Layer
 from lfref.simulator.materials import Glass, Glossy, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygon, Twigs
@@ -152,18 +151,6 @@ def test_cells_agree_with_brute_force_in_and_out_of_focus(name, shape):
 @pytest.mark.parametrize("name", ["islands", "perforated", "leaf"])
 def test_cells_agree_with_brute_force_at_the_strongest_blur(name):
     assert agreement(name, "disc", -7.0, size=(44, 44)) > 70
-
-
-@pytest.mark.parametrize("name", list(SCENES))
-def test_through_a_pinhole_every_plane_is_the_central_view(name, monkeypatch):
-    point = torch.zeros(1, dtype=torch.float64)
-    pinhole = Cells(point, point, torch.ones(1, 1, dtype=torch.float64), 0.0, 0.0)
-    monkeypatch.setattr(focal_planes, "cut_aperture", lambda camera, n_cells: pinhole)
-    camera = Camera(grid=(3, 3), size=(24, 25))
-    layers = painted(name, camera)
-    stack = truth.stack(layers, camera, SLOPES)
-    central = views.views(layers, camera)[1, 1]
-    torch.testing.assert_close(stack, central.expand_as(stack), atol=2e-6, rtol=0)
 
 
 def one_layer(slope, aperture="square", grid=(7, 7), n_cells=9, matte=Full()):  # noqa: B008  frozen

@@ -137,13 +137,3 @@ def test_disparity_is_that_of_what_hides_at_least_half():
     torch.testing.assert_close(result[5:18, 10], -0.5 + 0.01 * y[5:18])
     assert result[11, 15] == 0.7
     assert result[0, 0] == 0
-
-
-def test_all_in_focus_is_the_view_through_the_centre():
-    surfaces = (Surface(Plane(-0.5), Noise(), material=Glossy()), Surface(Plane(0.6, (0.01, 0.0)), Noise(), Disc(7.0)))
-    layers = painting.paint(Scene(CENTRAL, surfaces))
-    assert torch.equal(views.all_in_focus(layers, CENTRAL), views.views(layers, CENTRAL)[1, 1])
-    even = Camera((4, 4), CENTRAL.size)
-    layers = painting.paint(Scene(even, surfaces))
-    view, between = views.views(layers, even)[1, 1], views.all_in_focus(layers, even)
-    assert float((view - between).abs().max()) > 0.05
