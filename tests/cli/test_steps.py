@@ -519,7 +519,7 @@ def test_encoded_samples_are_not_scaled_as_light(settings, caplog):
     made, found = steps.correct_field(field, settings(), None, SHIFTS)
     assert made is field
     assert found.active == ()
-    said = "vignetting: vignetting, exposure, noise unchanged: encoded samples are no light (reader.encoding=none)"
+    said = "vignetting: vignetting, exposure unchanged: encoded samples are no light (reader.encoding=none)"
     assert caplog.messages == [said]
 
 
