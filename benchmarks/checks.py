@@ -34,7 +34,19 @@ from lfref.cli.main import main as start
 
 # Mutants
 
-COPIED = ("lfref", "conf", "sweeps", "tests", "docs", "pyproject.toml", "README.md", "mkdocs.yml", "Makefile")
+COPIED = (
+    "lfref",
+    "conf",
+    "sweeps",
+    "tests",
+    "docs",
+    "benchmarks",
+    "site",
+    "pyproject.toml",
+    "README.md",
+    "mkdocs.yml",
+    "Makefile",
+)
 TIME_LIMIT_S = 900
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.GtE,

@@ -23,7 +23,6 @@ from pages import FIGURES, number, row
 
 import lfref
 from lfref.bench.evaluation import ALIASED, CORRECTED, IDEAL, MEAN_CAP_DB, SENSOR, WIDE
-from lfref.lightfield import LightField
 from lfref.report import stability_table, tables
 from lfref.simulator import planner, sim30
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
@@ -185,7 +184,6 @@ def gains() -> Iterator[str]:
     """The network beside the best of all other methods, for each class of scenes."""
     yield from pages.head(
         *("scenes", "best rival", "its PSNR, dB", "learned, dB", "gain", "worst scene", "worst alpha"),
-        *("Delta E 2000, rival and learned", "brightness off by at most, rival and learned"),
     )
     rivals = [name for name in read("bench", "bench")["method"].unique() if name != LEARNED]
     for run, kind, title in (
@@ -197,11 +195,7 @@ def gains() -> Iterator[str]:
     ):
         rows = read(run, "evaluation")
         rows = rows[(rows["class"] == kind) & ((rows["scene"] != CLIPPED) | (kind != CORRECTED))]
-        psnr_db, delta_e, brightness = (
-            rows.pivot(index=["scene", "alpha"], columns="method", values=name)
-            for name in ("psnr_db", "delta_e", "brightness")
-        )
-        psnr_db = psnr_db.clip(upper=MEAN_CAP_DB)
+        psnr_db = rows.pivot(index=["scene", "alpha"], columns="method", values="psnr_db").clip(upper=MEAN_CAP_DB)
         best = psnr_db[[name for name in rivals if name in psnr_db]].mean().idxmax()
         difference = psnr_db[LEARNED] - psnr_db[best]
         scenes, alphas = (difference.groupby(level).mean() for level in ("scene", "alpha"))
@@ -212,8 +206,6 @@ def gains() -> Iterator[str]:
             f"{difference.mean():+.2f}",
             f"{scenes.min():+.2f} ({scenes.idxmin()})",
             f"{alphas.min():+.2f} ({alphas.idxmin():g})",
-            " and ".join(f"{delta_e[name].mean():.3f}" for name in (best, LEARNED)),
-            " and ".join(f"{(brightness[name] - 1).abs().max():.4f}" for name in (best, LEARNED)),
         )
 
 
@@ -251,26 +243,6 @@ def disparities() -> Iterator[str]:
         yield row(title, f"{median:.4f}", *(f"{share:.1f}" for share in within))
 
 
-def wide_disparities() -> Iterator[str]:
-    """Range of slopes that `lfref info` finds on scenes of wide baselines, and errors of `disparity_map`."""
-    yield from pages.head(
-        *("scene", "disparities, px", "range found", "covers, %", "times as wide"),
-        *("median error, px", "BadPix(.07), %"),
-    )
-    for name, scene in sim30.WIDE.items():
-        simulated = lfref.simulate(scene, outputs=("views", "disparity"))
-        truth = simulated.disparity
-        low, high = lfref.inspect(LightField(simulated.views)).slopes or (math.nan, math.nan)
-        first, last = float(truth.min()), float(truth.max())
-        covers = 100 * float(((truth >= low) & (truth <= high)).float().mean())
-        errors = (lfref.disparity_map(simulated.views).disparity - truth).abs()[BORDER:-BORDER, BORDER:-BORDER]
-        ranges = f"{first:g} to {last:g}", f"{low:.1f} to {high:.1f}", f"{covers:.1f}"
-        bad = 100 * float((errors > 0.07).float().mean())
-        yield row(name, *ranges, f"{(high - low) / (last - first):.2f}", f"{float(errors.median()):.3f}", f"{bad:.1f}")
-    yield ""
-    yield f"BadPix(.07): share of pixels off by more than .07 px per view step, without {BORDER} px of the border."
-
-
 def beside_mitsuba() -> Iterator[str]:
     """The simulator against Mitsuba, which traces paths."""
     return importlib.import_module("path_tracer").table()
@@ -292,7 +264,6 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "browsing": (page.MEASURES, page.browsing),
     "explanation": (None, explanation),
     "disparities": (None, disparities),
-    "wide_disparities": (None, wide_disparities),
     **({"mitsuba": (None, beside_mitsuba)} if importlib.util.find_spec("mitsuba") else {}),
 }
 """Marker -> the file that it reads, if any, and its lines."""

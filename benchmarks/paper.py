@@ -22,7 +22,6 @@ import pages
 import pandas as pd
 import pictures
 import torch
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from pages import ALPHAS, CPU, PLANES, row
 from rich.progress import track
@@ -314,8 +313,6 @@ def speed() -> Iterator[str]:
     yield f"{pages.this_machine()}; medians."
 
 
-# Pictures
-
 COLOURS = {
     RIVAL: GREY,
     "shift_and_sum": BLUE,
@@ -323,9 +320,6 @@ COLOURS = {
     "occlusion_aware": BLACK,
     **dict(zip(NETWORKS.values(), (CYAN, MAGENTA, TEAL), strict=True)),
 }
-SCENE, SHOWN = "twigs", (0.125, 2.0)
-INNER = (..., slice(32, -32), slice(24, -24))
-FINEST = 3e-3  # smaller differences are shown as none
 
 
 def scatter(rows: pd.DataFrame) -> Figure:
@@ -346,23 +340,6 @@ def scatter(rows: pd.DataFrame) -> Figure:
     handles = {line.get_label(): line for axes in figure.axes for line in axes.get_lines()}
     figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=3, frameon=False, fontsize=7)
     return figure
-
-
-def comparison(networks: Sequence[Refocuser]) -> Figure:
-    """A scene at two planes: the truth, two methods, a network of each label source, and how far they are from it."""
-    case = next(cases([SCENE]))
-    methods = [CLASSICAL[RIVAL], CLASSICAL["shift_and_sum"], *networks]
-    stacks = {each.name: each(case.light, PLANES.slopes)[INNER] for each in methods}
-    cells = []
-    for alpha in SHOWN:
-        index = ALPHAS.index(alpha)
-        truth = case.reference[INNER][index]
-        cells += [(f"truth,\nalpha {alpha:g}", truth)]
-        cells += [(name.replace("RefNet on ", "RefNet on\n"), stack[index]) for name, stack in stacks.items()]
-        cells += [("no\ndifference", torch.full(truth.shape[-2:], FINEST))]
-        cells += [pictures.error("difference\n", stack[index], truth, FINEST) for stack in stacks.values()]
-    style = {"cmap": "magma", "norm": LogNorm(FINEST, 0.3)}
-    return pictures.sheet(cells, 1 + len(stacks), bar="absolute difference", **style)
 
 
 def main() -> None:
@@ -397,12 +374,9 @@ def main() -> None:
         "paper_colour": table(by_pair, pairs, COLOUR, spent),
         "paper_planes": planes(rows),
         "paper_scatter": ["![MPSNR against MSSIM, a point a scene](pictures/paper_scatter.png)"],
-        "paper_comparison": ["![A scene at two planes: truth, methods, networks](pictures/paper_comparison.jpg)"],
     }
     is_ours = options.runs == RUNS
-    folder = pages.PICTURES if is_ours else options.runs
-    pictures.save(scatter(rows), folder / "paper_scatter.png")
-    pictures.save(comparison(networks), folder / "paper_comparison.jpg")
+    pictures.save(scatter(rows), (pages.PICTURES if is_ours else options.runs) / "paper_scatter.png")
     if is_ours:
         pages.fill(lines)
     else:

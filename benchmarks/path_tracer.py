@@ -288,8 +288,11 @@ def _mesh(points: Tensor, coordinates: Tensor, bsdf: dict[str, Any], light: dict
 
 WIDTH, TRACED_FOCAL, SHIFT = 256, 300.0, 6.0
 """Width of a view, its focal length, and by how much views move back per view step, in pixels; all change alike."""
-LAMPS = ("lamp", "fill")
-"""Points, rendered one by one: without choices by chance there is no noise; samples smooth edges and textures."""
+LAMPS = {"lamp": ([-25, -25, 15], 8000.0), "fill": ([5, -5, 0], 960.0)}
+"""Place and power of a bright lamp, and of one beside the cameras that fills the shadows.
+
+They are points, and rendered one by one: without choices by chance there is no noise.
+"""
 
 
 def veins(seed: int, size: int, decay: float, low: float, high: float, tint: tuple[float, float, float]) -> Any:
@@ -303,54 +306,36 @@ def veins(seed: int, size: int, decay: float, low: float, high: float, tint: tup
     return {"type": "bitmap", "bitmap": mi.Bitmap(colours), "raw": True}
 
 
-def matt(*texture: Any) -> dict[str, Any]:
-    """A matte material of a texture, seen from both sides."""
-    return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": veins(*texture)}}
-
-
-def placed(kind: str, material: dict[str, Any], *steps: Any) -> dict[str, Any]:
-    """A shape that is scaled by the last step first, then turned, and moved by the first step last."""
-    transform = mi.ScalarTransform4f()
-    for name, *arguments in steps:
-        transform = getattr(transform, name)(*arguments)
-    return {"type": kind, "to_world": transform, "bsdf": material}
-
-
-def lamps(x: float, y: float, z: float, power: float) -> dict[str, Any]:
-    """A bright one, and one beside the cameras that fills the shadows."""
-    places = {"lamp": ((x, y, z), power), "fill": ((5.0, -5.0, 0.0), 0.12 * power)}
-    return {
-        name: {"type": "point", "position": list(place), "intensity": {"type": "rgb", "value": [strength] * 3}}
-        for name, (place, strength) in places.items()
-    }
-
-
 def statue() -> dict[str, Any]:
-    """Smooth pale bodies with faint veins before a faintly textured wall, on a floor; one lamp from the left."""
-    pale = veins(1, 512, 1.4, 0.3, 0.7, (1.0, 0.98, 0.93))
+    """Smooth glossy bodies with faint veins before a faintly textured wall."""
+    pale, rough = veins(1, 512, 1.4, 0.3, 0.7, (1.0, 0.98, 0.93)), veins(2, 512, 1.2, 0.12, 0.3, (0.9, 0.95, 0.8))
     marble = {"type": "roughplastic", "alpha": 0.25, "diffuse_reflectance": pale}
-    wall, floor = matt(2, 512, 1.2, 0.12, 0.3, (0.9, 0.95, 0.8)), matt(3, 512, 1.2, 0.1, 0.3, (0.95, 0.9, 0.8))
-    upright = ("rotate", [1, 0, 0], 90)
-    parts = {
-        "wall": placed("rectangle", wall, ("translate", [0, 0, 62]), ("scale", [40, 40, 1])),
-        "floor": placed("rectangle", floor, ("translate", [0, 15, 50]), upright, ("scale", [40, 40, 1])),
-        "foot": placed("cylinder", marble, ("translate", [0, 15, 50]), upright, ("scale", [4, 4, 8])),
-        "chest": placed("sphere", marble, ("translate", [0, 3, 50]), ("scale", [8, 6, 5])),
-        "head": placed("sphere", marble, ("translate", [1, -6, 48]), ("scale", [4, 5, 4])),
-    }
+    plaster = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rough}}
+    bodies = [
+        ("rectangle", plaster, [0, 0, 62], [40, 40, 1]),
+        ("sphere", marble, [0, 3, 50], [8, 6, 5]),
+        ("sphere", marble, [1, -6, 48], [4, 5, 4]),
+    ]
     for n in range(14):
         place = [1 + 3.6 * math.cos(n), -8 + 2.2 * math.sin(2.1 * n), 46.5 + 0.9 * math.sin(n)]
-        parts[f"curl_{n}"] = placed("sphere", marble, ("translate", place))
-    return parts | lamps(-25, -25, 15, 8000)
+        bodies.append(("sphere", marble, place, [1, 1, 1]))
+    transform = mi.ScalarTransform4f()
+    return {
+        f"body_{n}": {"type": kind, "bsdf": material, "to_world": transform.translate(place).scale(scales)}
+        for n, (kind, material, place, scales) in enumerate(bodies)
+    }
 
 
 def traced(grid: tuple[int, int], size: tuple[int, int]) -> tuple[LightField, Tensor]:
     """The statue as 8-bit samples in linear light of sRGB, and the disparity of the central view, [H, W]."""
-    parts, (height, width) = statue(), size
+    height, width = size
     focal, shift = TRACED_FOCAL * width / WIDTH, SHIFT * width / WIDTH
-    bodies = {part: value for part, value in parts.items() if part not in LAMPS}
-    world = {"type": "scene", "integrator": {"type": "path", "max_depth": 2}, **bodies}
-    scenes = [mi.load_dict({**world, lamp: parts[lamp]}) for lamp in LAMPS]
+    world = {"type": "scene", "integrator": {"type": "path", "max_depth": 2}, **statue()}
+    lamps = (
+        {"type": "point", "position": place, "intensity": {"type": "rgb", "value": [power] * 3}}
+        for place, power in LAMPS.values()
+    )
+    scenes = [mi.load_dict({**world, "lamp": lamp}) for lamp in lamps]
 
     def view(p: float, q: float) -> Tensor:
         return sum(render(scene, pinhole(p, q, shift, size), focal, size, (-p, -q), spp=16) for scene in scenes)

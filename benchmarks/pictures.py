@@ -58,14 +58,7 @@ ALPHA, SLOPE_LABEL = tables.heading("alpha"), "slope, px per view step"
 
 
 def sheet(cells: Iterable[tuple[str, Tensor]], n_columns: int = 3, bar: str = "", **style: Any) -> Figure:
-    """Cells in reading order, all of one shape.
-
-    Args:
-        cells: Title and what is shown: pictures, [C, H, W], or maps, [H, W].
-        n_columns: Cells in a row.
-        bar: What the colour bar of the maps says; needed if there are maps.
-        style: How `imshow` shows the maps.
-    """
+    """Cells of one shape in reading order: pictures, [C, H, W], or maps, [H, W], with a colour bar that says `bar`."""
     cells = list(cells)
     n_rows, n_lines = -(-len(cells) // n_columns), cells[0][0].count("\n") + 1
     (height, width), room = cells[0][1].shape[-2:], WIDTH - (BAR_WIDTH if bar else 0)
@@ -147,12 +140,7 @@ entered the camera, how bright it was and where
 it came from. A picture focused anywhere is a
 sum over some of these rays: shift each view in
 proportion to its place in the aperture, and add.
-What lies on the chosen plane falls together and
-is sharp; all else is spread by the aperture.
-Slant the plane, and a whole page is sharp.
-Let each camera look where it likes, and shifts
-become homographies. Look between the samples,
-and there is detail that no single view has seen."""
+Slant the plane, and a whole page is sharp."""
 SMALL = "small print\nthat no single view\nhas seen: samples\nof all views, each\nat its own place"
 
 
@@ -201,7 +189,7 @@ def wall(disparity: float) -> Tensor:
 @functools.cache
 def slanted_page() -> Tensor:
     """A printed page, its lower edge near, at disparity 0 in the middle, [7, 7, 3, H, W]."""
-    return views_of(CAMERA, Surface(Plane(0.0, (0.0, SLANT)), printed(TEXT, (SHAPE[1], SHAPE[0]), 10)))
+    return views_of(CAMERA, Surface(Plane(0.0, (0.0, SLANT)), printed(f"{TEXT}\n{TEXT}", (SHAPE[1], SHAPE[0]), 10)))
 
 
 # Pictures of the page on refocusing
@@ -442,41 +430,12 @@ def simulator_materials() -> Figure:
     return sheet(shown)
 
 
-def recorded(view: tuple[int, int], **effects: tuple[Any, ...]) -> tuple[str, Tensor]:
-    """A view through effects of a sensor, of these arguments, and in two lines what they are."""
-    on = {name: EFFECTS[name](*arguments) for name, arguments in effects.items()}
-    views = lfref.simulate(Scene(SMALL_CAMERA, (PLASTER, CARD, LID), sensor=Sensor(**on)), outputs=("views",)).views
-    title = "\noff"
-    for effect in on.values():
-        fields = [field for field in dataclasses.fields(effect) if getattr(effect, field.name) != field.default]
-        changed = ", ".join(f"{field.name} {getattr(effect, field.name)}" for field in fields)
-        title = f"{type(effect).__name__}\n{changed}"
-    return title, views[view]
-
-
-def simulator_vignetting() -> Figure:
-    """Light that a lens keeps from the corners."""
-    return changes({"vignetting": (0.7,)}, {"vignetting": (0.0, 0.7)})
-
-
-def simulator_lenslets() -> Figure:
-    """Lenslets beside their places, and light that goes into the neighbouring view."""
-    return changes({"misalignment": (0.5,)}, {"crosstalk": (0.3,)})
-
-
-def changes(*effects: dict[str, tuple[Any, ...]]) -> Figure:
-    """Effects off, on, and what they change in the view in the corner of the aperture."""
-    off = recorded((0, 0))
-    shown = []
-    for effect in effects:
-        on = recorded((0, 0), **effect)
-        shown += [off, on, ("\nchange", (on[1] - off[1]).abs().mean(0))]
-    return sheet(shown, bar="absolute change", cmap="magma", vmin=0, vmax=0.3)
-
-
 def simulator_sensor() -> Figure:
-    """Part of the middle view with each effect of the sensor and of its software."""
-    effects = {
+    """The view in the corner of the aperture with each effect of optics, sensor and software."""
+    effects: dict[str, tuple[Any, ...]] = {
+        "vignetting": (0.7,),
+        "misalignment": (0.5,),
+        "crosstalk": (0.3,),
         "exposure": (0.5,),
         "mosaic": ("BGGR",),
         "noise": (0.003, 3e-4),
@@ -485,8 +444,15 @@ def simulator_sensor() -> Figure:
         "white_balance": ((1.2, 1.0, 0.6),),
         "tone_curve": ("srgb",),
     }
-    shown = [recorded((3, 3)), *(recorded((3, 3), **{name: values}) for name, values in effects.items())]
-    return sheet(((title, view[..., 20:76, 44:128]) for title, view in shown), 4)
+    sensors = {"\noff": Sensor(), "cat's eye\ncats_eye 0.7": Sensor(vignetting=EFFECTS["vignetting"](0.0, 0.7))}
+    for name, values in effects.items():
+        effect = EFFECTS[name](*values)
+        fields = [field.name for field in dataclasses.fields(effect)][: len(values)]
+        title = f"{type(effect).__name__}\n{', '.join(f'{field} {getattr(effect, field)}' for field in fields)}"
+        sensors[title] = Sensor(**{name: effect})
+    scenes = {title: Scene(SMALL_CAMERA, (PLASTER, CARD, LID), sensor=sensor) for title, sensor in sensors.items()}
+    views = {title: lfref.simulate(scene, outputs=("views",)).views for title, scene in scenes.items()}
+    return sheet(((title, of_sensor[0, 0]) for title, of_sensor in views.items()), 4)
 
 
 def simulator_truth() -> Figure:
@@ -548,8 +514,7 @@ DRAWN: dict[str, Callable[[], Figure]] = {
         for draw in (
             *(shift_and_sum, interpolation, borders, exact_fourier, fourier_slice, focal_stack_transform, tilt_shift),
             *(per_pixel, all_in_focus, super_resolve, apertures, cells, near_focus, disparity_map),
-            *(simulator_materials, simulator_vignetting, simulator_lenslets, simulator_sensor),
-            *(simulator_truth, simulator_sim30),
+            *(simulator_materials, simulator_sensor, simulator_truth, simulator_sim30),
         )
     },
     "accuracy_time.png": front,

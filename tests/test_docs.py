@@ -17,7 +17,7 @@ REFOCUSING, SIMULATOR = (ROOT / "docs" / f"{name}.md" for name in ("refocusing",
 LARGEST, LARGEST_FILM = 120_000, 2_000_000  # bytes of a picture, of the README's film
 PLOTS = {"accuracy_time.png": "bench", "causes.png": "causes", "stability.png": "stability"}
 """What is drawn from tables that runs have left."""
-OF_OTHERS = {"refnet_capture.jpg", "page.jpg", "paper_scatter.png", "paper_comparison.jpg"}
+OF_OTHERS = {"refnet_capture.jpg", "page.jpg", "paper_scatter.png"}
 """What other scripts draw, of a capture, a browser or trained networks."""
 
 
