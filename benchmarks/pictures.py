@@ -33,7 +33,7 @@ from lfref.io import atomic
 from lfref.refocus.apertures import disc, gaussian, mask, square
 from lfref.refocus.focus.all_in_focus import index_to_slope
 from lfref.refocus.shift.shift_and_sum import coverage
-from lfref.report import accuracy_time, bench_plots, disparity_colours, drawing, stability_table, tables
+from lfref.report import accuracy_time, bench_plots, drawing, stability_table, tables
 from lfref.report.pictures import for_display
 from lfref.simulator import sim30, simulate
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
@@ -390,7 +390,7 @@ def disparity_map() -> Figure:
         ("disparity_map", estimate.disparity),
         ("truth", truth),
     ]
-    return sheet(shown, **DEPTH | {"bar": "disparity, px per view step", "cmap": disparity_colours.MAP})
+    return sheet(shown, **DEPTH | {"bar": "disparity, px per view step"})
 
 
 # Pictures of the page on the simulator

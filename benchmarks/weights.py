@@ -18,7 +18,6 @@ from pages import PLANES
 import lfref
 from lfref.bench.accuracy import RIVAL
 from lfref.bench.evaluation import IDEAL, EvaluationCase
-from lfref.cli import config as configs
 from lfref.io import images
 from lfref.io.read import read
 from lfref.io.run import Run
@@ -99,11 +98,11 @@ def refiner_facts(run: Run, scale: float) -> dict[str, Any]:
     validated = [row for row in run.metrics if row.get("val/gain") is not None]
     best = max(validated, key=lambda row: row["val/gain"] or 0.0)
     data = run.config["data"]
-    recipe = configs.build(data["recipe"])
-    grids = ", ".join(f"{rows}x{columns}" for rows, columns in sorted(set(recipe.grids)))
-    reach = max(recipe.depths) * max(map(abs, recipe.scenes.disparities))
+    recipe = data["recipe"]
+    grids = ", ".join(f"{rows}x{columns}" for rows, columns in sorted(set(map(tuple, recipe["grids"]))))
+    reach = max(recipe["depths"]) * max(map(abs, recipe["scenes"]["disparities"]))
     return {
-        "set": recipe.description(),
+        "set": recipe,
         "fields": data["n_fields"],
         "steps": int(best["step"] or 0) + 1,
         "gain_db": best["val/gain"],
