@@ -163,14 +163,14 @@ def trials() -> Iterator[str]:
     rows = read("stability", "stability")
     yield from pages.head("component", "ours hold", "textbook form", "it holds")
     for component, members in rows.groupby("component", sort=False):
-        holds = members["holds"].eq("yes").groupby(members["formulation"], sort=False)
+        holds = members["outcome"].eq("holds").groupby(members["formulation"], sort=False)
         ours, *others = ((name, f"{trials.sum()} of {len(trials)}") for name, trials in holds)
         for other in others or [("", "")]:
             yield row(component, ours[1], *other)
     yield ""
     yield "Of ours these do not hold:"
     yield ""
-    lost = rows[(rows["formulation"] == stability_table.OURS) & (rows["holds"] != "yes")]
+    lost = rows[(rows["formulation"] == stability_table.OURS) & (rows["outcome"] != "holds")]
     reasons = lost["note"].fillna(lost["case"] + " in " + lost["precision"])
     for (component, outcome), cases in reasons.groupby([lost["component"], lost["outcome"]], sort=False):
         yield f"- {component}: {outcome} ({', '.join(cases)})"

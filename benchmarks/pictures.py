@@ -33,7 +33,7 @@ from lfref.io import atomic
 from lfref.refocus.apertures import disc, gaussian, mask, square
 from lfref.refocus.focus.all_in_focus import index_to_slope
 from lfref.refocus.shift.shift_and_sum import coverage
-from lfref.report import accuracy_time, bench_plots, drawing, stability_table, tables
+from lfref.report import drawing, plots, stability_table, tables
 from lfref.report.pictures import for_display
 from lfref.simulator import sim30, simulate
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
@@ -480,7 +480,7 @@ RUNS = {
     "stability.png": "stability/stability",
 }
 """Plot -> the table in `runs/figures` that it is drawn from."""
-DULL = "benign|saturated|black prediction|wide|batch of 1|channels last|NaN|infinity|one row|48 x"
+DULL = "benign|black prediction|wide|batch of 1|NaN|infinity"
 """Hard cases that are not shown."""
 
 
@@ -492,12 +492,12 @@ def read(name: str) -> pd.DataFrame:
 def front() -> Figure:
     """Accuracy against time in the scenes without a sensor's effects."""
     rows = read("accuracy_time.png")
-    return accuracy_time.accuracy_time(rows[(rows["class"] == IDEAL) | (rows["method"] == FFT)])
+    return plots.front(rows[(rows["class"] == IDEAL) | (rows["method"] == FFT)])
 
 
 def causes() -> Figure:
     """Cost of each cause of error, and gains of the remedies."""
-    return bench_plots.error_causes(read("causes.png"), panels_at=(0.125, 2.0))
+    return plots.error_causes(read("causes.png"), panels_at=(0.125, 2.0))
 
 
 def stability() -> Figure:
