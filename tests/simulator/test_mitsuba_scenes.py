@@ -12,9 +12,9 @@ from tests.simulator.drawing import psnr
 
 pytest.importorskip("mitsuba", reason="the extra `mitsuba` is not installed, or has no wheel for this machine")
 sys.path.append(str(ROOT / "benchmarks"))
-mitsuba_scenes = importlib.import_module("mitsuba_scenes")
-SCENES, SLOPES, VIEWS = mitsuba_scenes.SCENES, mitsuba_scenes.SLOPES, mitsuba_scenes.VIEWS
-MitsubaScene, apart_from_edges = mitsuba_scenes.MitsubaScene, mitsuba_scenes.apart_from_edges
+path_tracer = importlib.import_module("path_tracer")
+SCENES, SLOPES, VIEWS = path_tracer.SCENES, path_tracer.SLOPES, path_tracer.VIEWS
+MitsubaScene, apart_from_edges = path_tracer.MitsubaScene, path_tracer.apart_from_edges
 
 # Measured: 50 dB at least, where edges cut through pixels and where Mitsuba's pictures are noisy; else 69.8.
 AT_LEAST = 47.0
