@@ -62,17 +62,16 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
-	$(BIN)/python benchmarks/scale.py
-	$(BIN)/python benchmarks/browsing.py
-	$(BIN)/python benchmarks/training_speed.py
-	$(BIN)/python benchmarks/paper_speed.py
-	$(BIN)/python benchmarks/living.py --film
-	$(BIN)/python benchmarks/measure.py
+	$(BIN)/python benchmarks/scale.py streams
+	$(BIN)/python benchmarks/scale.py steps
+	$(BIN)/python benchmarks/page.py --film
+	$(BIN)/python benchmarks/paper.py --speed
+	$(BIN)/python benchmarks/figures.py
 	$(BIN)/python benchmarks/pictures.py
 
 paper: install
 	$(BIN)/python benchmarks/paper.py
-	$(BIN)/python benchmarks/paper_speed.py
+	$(BIN)/python benchmarks/paper.py --speed
 
 ablations: install
 	$(BIN)/python benchmarks/ablations.py
@@ -85,9 +84,10 @@ gpu: install
 weights: install
 	$(BIN)/lfref train experiment=refiner resume=auto output="$(WEIGHTS)/run"
 	$(BIN)/python benchmarks/weights.py learned "$(WEIGHTS)/run"
-	for label in shift_and_sum fourier_slice rendered; do \
+	for label in shift_and_sum fourier_slice; do \
 		$(BIN)/lfref train experiment=refnet label=$$label resume=auto output="$(WEIGHTS)/$$label" || exit 1; done
 	$(BIN)/python benchmarks/weights.py refnet "$(WEIGHTS)/shift_and_sum"
+	$(BIN)/lfref train experiment=refnet_truth resume=auto output="$(WEIGHTS)/rendered"
 
 lint: install
 	$(BIN)/ruff check lfref tests benchmarks/*.py site/*.py

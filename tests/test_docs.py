@@ -1,9 +1,12 @@
-"""Pictures and pages that a page links exist, and its code runs as written."""
+"""The pages keep their word: pictures and pages that they link exist, code runs as written, pictures can be drawn."""
 
 import re
+import subprocess
+import sys
 
 import pytest
 import torch
+from PIL import Image
 
 from tests.conftest import ROOT
 
@@ -11,7 +14,11 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").g
 CODE = re.compile(r"^```.*?^```$|^ {4,}.*?$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#:]*)(?:#([^)]*))?\)")
 REFOCUSING, SIMULATOR = (ROOT / "docs" / f"{name}.md" for name in ("refocusing", "simulator"))
-LARGEST = 120_000  # bytes of a picture
+LARGEST, LARGEST_FILM = 120_000, 2_000_000  # bytes of a picture, of the README's film
+PLOTS = {"accuracy_time.png": "bench", "causes.png": "causes", "stability.png": "stability"}
+"""What is drawn from tables that runs have left."""
+OF_OTHERS = {"refnet_capture.jpg", "page.jpg", "paper_scatter.png"}
+"""What other scripts draw, of a capture, a browser or trained networks."""
 
 
 def anchors(text: str) -> set[str]:
@@ -38,6 +45,15 @@ def test_pictures_are_small_and_each_is_shown():
         assert f"(pictures/{picture.name})" in shown, picture.name
 
 
+def test_the_first_picture_of_the_readme_is_a_short_film():
+    first = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", (ROOT / "README.md").read_text("utf-8"))[0]
+    with Image.open(ROOT / first) as film:
+        assert film.is_animated
+        film.seek(film.n_frames - 1)
+        assert film.n_frames >= 8
+    assert (ROOT / first).stat().st_size <= LARGEST_FILM
+
+
 def test_the_code_of_the_page_on_refocusing_runs_as_written():
     blocks = re.findall(r"^```python\n(.*?)^```$", REFOCUSING.read_text("utf-8"), re.MULTILINE | re.DOTALL)
     names = {"views": torch.rand(7, 7, 3, 30, 36)}
@@ -57,3 +73,15 @@ def test_the_code_of_the_page_on_the_simulator_runs_as_written():
         exec(block, names)
         assert names["result"].views.shape == (7, 7, 3, 96, 144)
     assert names["result"].truth is None
+
+
+@pytest.mark.slow
+def test_all_pictures_of_the_pages_are_drawn(tmp_path):
+    subprocess.run(
+        [sys.executable, ROOT / "benchmarks" / "pictures.py", "--output", tmp_path], check=True, cwd=tmp_path
+    )
+    drawn = {path.name for path in tmp_path.iterdir()}
+    linked = {name for page in PAGES for name in re.findall(r"\(pictures/(.*?)\)", page.read_text("utf-8"))}
+    missing = {plot for plot, run in PLOTS.items() if not (ROOT / "runs" / "figures" / run).exists()}
+    assert drawn == linked - OF_OTHERS - missing
+    assert all((tmp_path / name).stat().st_size <= LARGEST for name in drawn)

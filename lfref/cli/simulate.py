@@ -41,7 +41,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
             continue
         if not re.fullmatch(r"\w[\w.-]*", scene.name):
             raise InputError("a scene's name must be usable as the name of a file", got=repr(scene.name))
-        result = simulated(scene, 0, outputs, planes.slopes, config.force, config.explain)
+        result = simulated(scene, 0, outputs, planes.slopes, config.force)
         _write(folder, scene, result, planes, suffix)
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(result.rows))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.captures import correct as corrections
-from lfref.captures.correct import AUTO, NONE, correct_by_option
+from lfref.captures.correct import AUTO, NONE
 from lfref.encoding import LINEAR, Encoding, parsed
 from lfref.errors import FileError
 from lfref.io import atomic, images, lytro_files, view_folders
@@ -126,7 +126,7 @@ def _description(options: Mapping[str, Any], correct: str) -> dict[str, Any]:
 def _decode(path: Path, options: Mapping[str, Any], correct: str) -> tuple[LightField, type, Encoding]:
     """The light field of a file, and type and encoding in which it is stored."""
     field = reader.read(path, **options)
-    corrected, _ = correct_by_option(field, correct, even_grid_for=EVEN_GRID)
+    corrected, _ = corrections.correct(field, correct, even_grid_for=EVEN_GRID)
     encoding = parsed(field.metadata["encoding"])
     # Corrected samples are no longer the whole numbers of the file.
     kind = DTYPES[field.metadata["bits"]] if corrected.views is field.views else np.float16

@@ -18,7 +18,8 @@ from rich.progress import track
 from torch import Tensor
 
 import lfref
-from lfref.captures.correct import NONE, correct_by_option
+from lfref.captures import correct as corrections
+from lfref.captures.correct import NONE
 from lfref.data import cache
 from lfref.data.cache import Field, keep, kept
 from lfref.data.crops import Batch, Crops, EpochLoader, EpochSampler, Source, collated, epoch_loader, labelled
@@ -382,7 +383,7 @@ class SimulatedSource(Source):
         views = simulation.run(["views"], [0.0]).views
         assert views is not None
         light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
-        corrected, _ = correct_by_option(light, self.correct, even_grid_for=cache.EVEN_GRID)
+        corrected, _ = corrections.correct(light, self.correct, even_grid_for=cache.EVEN_GRID)
         truth = _photograph(simulation, self.planes) if self.planes else None
         return Field(scene.name, corrected.views, corrected.weight, truth=truth)
 

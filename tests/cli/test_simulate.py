@@ -178,7 +178,7 @@ def test_what_png_files_cannot_hold_is_said_and_kept_in_exr_files(lfref, tmp_pat
 def test_views_with_a_tone_curve_are_read_back_as_light(lfref, tmp_path, curve, suffix):
     tone = (
         "+scene.sensor={_target_:lfref.simulator.effects.sensor.Sensor,tone_curve:"
-        f"{{_target_:lfref.simulator.effects.response.ToneCurve,curve:{curve}}}}}"
+        f"{{_target_:lfref.simulator.effects.recording.ToneCurve,curve:{curve}}}}}"
     )
     words = ("simulate", "scene=evening", "outputs=[views]", "suffix=.exr", *SMALL)
     assert lfref(*words, f"output={tmp_path}/plain")[0] == 0

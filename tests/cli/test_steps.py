@@ -410,7 +410,7 @@ SHIFTS = OperatorRefocuser("shift_and_sum", shift_and_sum)
 SLICES = OperatorRefocuser("fourier_slice", fourier_slice)
 QUICK = ("method=shift_and_sum", "slopes=[-0.5,0.5]", "exposure=1")
 NAMES = ["view_order", "hot_pixels", "black_views", "vignetting", "exposure"]
-NAMES += ["chromatic", "alignment", "spacing", "noise"]
+NAMES += ["chromatic", "alignment", "spacing"]
 
 
 @pytest.fixture(autouse=True)
@@ -497,7 +497,7 @@ def test_a_file_that_is_missing_or_damaged_is_one_line(lfref, grey, profile, tmp
     if n_bytes is not None:
         (tmp_path / "bad.pt").write_bytes(profile.read_bytes()[:n_bytes])
     line = assert_one_line(*lfref("refocus", tmp_path / "grey.exr", f"correct={tmp_path}/bad.pt", *QUICK))
-    assert ("no corrections at" if n_bytes is None else "must hold corrections") in line
+    assert "must hold corrections" in line
 
 
 def test_a_white_picture_is_read_like_the_input_and_tells_vignetting(lfref, tmp_path):
@@ -519,7 +519,7 @@ def test_encoded_samples_are_not_scaled_as_light(settings, caplog):
     made, found = steps.correct_field(field, settings(), None, SHIFTS)
     assert made is field
     assert found.active == ()
-    said = "vignetting: vignetting, exposure, noise unchanged: encoded samples are no light (reader.encoding=none)"
+    said = "vignetting: vignetting, exposure unchanged: encoded samples are no light (reader.encoding=none)"
     assert caplog.messages == [said]
 
 
@@ -557,7 +557,7 @@ def test_positions_that_were_asked_for_are_still_refused_by_those_who_do_not_tak
 
 
 def _spaced(grey, folder):
-    Corrections(grey.grid, grey.size, (SpacingDefect(1.25, 1.25, 0.001),)).save(folder / "spacing.pt")
+    Corrections(grey.grid, grey.size, (SpacingDefect(1.25, 0.001),)).save(folder / "spacing.pt")
     return folder / "spacing.pt"
 
 
