@@ -27,13 +27,6 @@ def slope_at(m: float, floor: float = FLOOR) -> float:
     return point.grad.item()
 
 
-def test_mse_is_one_float64_value_per_image() -> None:
-    prediction, target = images(2, 5, 3, 4, 6), images(2, 5, 3, 4, 6, seed=1)
-    expected = np.square(prediction.double().numpy() - target.double().numpy()).mean((-3, -2, -1))
-    assert mse(prediction, target).dtype == torch.float64
-    np.testing.assert_allclose(mse(prediction, target).numpy(), expected, rtol=1e-14)
-
-
 @pytest.mark.parametrize("size", [1e-45, 1e-30, 1e19, 3e38])
 def test_mse_survives_differences_whose_float32_square_does_not(size: float) -> None:
     prediction = torch.full((1, 4, 4), size)
@@ -53,10 +46,6 @@ def test_psnr_of_identical_images_is_the_ceiling_with_gradient_zero() -> None:
     value.backward()
     assert value.item() == CEILING_DB == 100.0
     assert (prediction.grad == 0).all()
-
-
-def test_psnr_goes_below_zero_when_the_error_exceeds_the_range() -> None:
-    assert psnr(torch.full((1, 2, 2), 10.0), torch.zeros(1, 2, 2)).item() == pytest.approx(-20)
 
 
 @pytest.mark.parametrize("function", [psnr, inverse_psnr])

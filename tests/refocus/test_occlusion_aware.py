@@ -47,40 +47,10 @@ def test_blocks_help_near_focus(name, gain):
     assert float((ours - everywhere)[SLOPES.index(0.4)]) > gain
 
 
-@pytest.mark.parametrize("name", ["edge", "discs"])
-def test_brightness_is_that_of_the_truth(name):
-    views, truth = scene(name)
-    inner = (..., slice(12, -12), slice(12, -12))
-    ratio = occlusion_aware(views, SLOPES)[inner].mean((1, 2, 3)) / truth[inner].mean((1, 2, 3))
-    torch.testing.assert_close(ratio, torch.ones(len(SLOPES)), atol=0.002, rtol=0)
-
-
-def test_planes_far_from_all_surfaces_have_no_blocks():
-    stack, everywhere = occlusion_aware_parts(scene("edge")[0], [-3.4]).split(3, 1)
-    assert torch.equal(stack, everywhere)
-
-
 @pytest.mark.parametrize("grid", [(3, 3), (4, 3), (1, 5)])
 def test_a_constant_field_stays_constant(grid):
     stack = occlusion_aware(torch.full((*grid, 3, 30, 31), 0.7), [-2.0, 0.0, 0.5])
     torch.testing.assert_close(stack, torch.full_like(stack, 0.7), atol=1e-6, rtol=0)
-
-
-def test_each_light_field_of_a_batch_is_alone():
-    views = torch.stack([scene(name)[0][..., 10:58, 10:66] for name in ("edge", "discs")])[:, None]
-    stacks = occlusion_aware(views, [-0.6, 0.2])
-    assert stacks.shape == (2, 1, 2, 3, 48, 56)
-    for i in range(2):
-        torch.testing.assert_close(stacks[i, 0], occlusion_aware(views[i, 0], [-0.6, 0.2]), atol=1e-6, rtol=0)
-
-
-@pytest.mark.parametrize("dtype", [torch.uint8, torch.uint16, torch.float64])
-def test_types_follow_the_input(dtype):
-    views = scene("edge")[0][2:5, 2:5, :, 10:58, 10:66]
-    typed = views.to(dtype) if dtype.is_floating_point else (torch.iinfo(dtype).max * views).round().to(dtype)
-    stack = occlusion_aware(typed, [-0.8, 0.2])
-    assert stack.dtype == (dtype if dtype.is_floating_point else torch.float32)
-    torch.testing.assert_close(stack.float(), occlusion_aware(views, [-0.8, 0.2]), atol=0.01, rtol=0)
 
 
 def test_parts_are_the_stack_and_what_it_is_made_of():
@@ -98,15 +68,6 @@ def test_gradients_reach_all_views():
     occlusion_aware(views, [0.3]).square().mean().backward()
     assert bool(views.grad.isfinite().all())
     assert bool(views.grad.abs().amax((2, 3, 4)).gt(0).all())
-
-
-def test_whole_slopes_take_the_median_of_three_pictures():
-    field, full = torch.rand(7, 7, 1, 20, 24), torch.full((7, 7), 1 / 49, dtype=torch.float64)
-    planes = torch.tensor([0.0, 0.05, 0.1], dtype=torch.float64)
-    stack, everywhere = torch.full((3, 1, 20, 24), 0.2), torch.full((3, 1, 20, 24), 0.9)
-    with mock.patch.object(module, "shift_and_sum_through_cells", return_value=torch.full((2, 1, 20, 24), 0.6)):
-        picture = module._median_at_whole_slopes(stack, everywhere, field, planes, full)
-    assert picture[:, 0, 5, 5].tolist() == pytest.approx([0.6, 0.4, 0.2])
 
 
 @pytest.mark.parametrize(
@@ -138,13 +99,6 @@ def test_known_disparities_take_the_place_of_estimated_ones():
     # Where everything is far from focus, no block counts.
     far, everywhere = occlusion_aware_parts(views, [-3.4], disparities=torch.zeros_like(known)).split(3, 1)
     assert torch.equal(far, everywhere)
-
-
-def test_known_disparities_may_have_another_type():
-    views = scene("edge")[0][2:5, 2:5, :, 10:58, 10:66]
-    known = disparity_map(views).disparity
-    stack = occlusion_aware(views, [0.2], disparities=known.double())
-    torch.testing.assert_close(stack, occlusion_aware(views, [0.2], disparities=known))
 
 
 @pytest.mark.parametrize("wrong", [torch.zeros(3, 4), torch.full((80, 96), torch.nan)])

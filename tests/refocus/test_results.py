@@ -15,7 +15,6 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.refocus import footprint
 from lfref.refocus.disparity.disparity_map import depth_order, disparity_map
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus
@@ -66,26 +65,6 @@ def ordered() -> tuple[Tensor, Tensor, Tensor]:
     return disparity, confidence, torch.tensor([float(order)])
 
 
-def footprints() -> tuple[Tensor, Tensor]:
-    taps = [footprint.taps(width) for width in (0.7, 3.3, 9.1)]
-    return torch.tensor(sum(taps, ())), torch.tensor([footprint.width(level) for level in range(1, 9)])
-
-
-def seam() -> tuple[Tensor]:
-    """What rings at the borders of a ramp that is shifted in the Fourier domain."""
-    ramp = torch.linspace(0, 1, 24).expand(3, 3, 1, 20, 24)
-    return (
-        100 * (shift_and_sum(ramp, [0.5], "exact", "edge") - shift_and_sum(ramp, [0.5], "linear", "edge")).flatten(),
-    )
-
-
-def faint() -> tuple[Tensor]:
-    """A wall with so little contrast that errors of both pictures are as small as those of rounding."""
-    views = wall().double()
-    faint = 0.9 + 0.03 * (views - views.mean())
-    return (100 * (super_resolve(faint, SLOPES[1:2]) - 0.9),)
-
-
 RESULTS = {
     "disparity": ordered,
     "slope range": reduced,
@@ -93,9 +72,6 @@ RESULTS = {
     "layers": lambda: (refocus_by_layers(views(), SLOPES),),
     "occlusion aware": lambda: (occlusion_aware(views(), SLOPES),),
     "super resolution": lambda: (super_resolve(wall(), SLOPES[1:]), in_focus(views()[:4, :5], SLOPES)),
-    "faint": faint,
-    "footprints": footprints,
-    "seam": seam,
     "all in focus": stack_of_focus,
     "extended focus": lambda: (extended_focus(views()),),
 }

@@ -2,17 +2,14 @@
 
 import math
 
-import numpy as np
 import pytest
 import torch
 from torch.nn import functional as F
 
-from lfref.errors import InputError
-from lfref.functional.loops import LANES
 from lfref.refocus import wiener as module
 from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.wiener import add_rows, wiener
+from lfref.refocus.wiener import wiener
 from lfref.refocus.wiener_filters import Prior, opposites, prior_between, prior_of_map
 
 SLOPES = [-2.0, -0.4, 0.3]
@@ -87,14 +84,6 @@ def test_planes_at_the_border_are_no_farther_off_than_the_views_reach():
     assert float(error.max()) < 0.3
 
 
-def test_brightness_is_that_of_the_photograph():
-    views = plane_views(-0.3, (5, 5), (96, 100))
-    for slope, made in zip(SLOPES, wiener(views, SLOPES, KNOWN), strict=True):
-        blur = 5 * (slope + 0.3)
-        expected = inner(picture(torch.zeros(2, dtype=torch.float64), (96, 100), (blur, blur)), 20)
-        assert float(inner(made, 20).mean() / expected.mean()) == pytest.approx(1, abs=0.002)
-
-
 def test_noise_that_views_do_not_share_is_averaged_away():
     noise = torch.randn(5, 5, 1, 64, 64, dtype=torch.float64)
     quiet, loud = (wiener(noise, [0.2], only(0.2, unexplained)).std() for unexplained in (10.0, 1e-4))
@@ -116,28 +105,12 @@ def test_folded_detail_is_told_apart_by_views_at_fractions_of_a_pixel():
     assert (made - expected).square().mean() < (plain - expected).square().mean() / 4
 
 
-def test_mirrored_views_make_mirrored_planes():
-    views = torch.rand(4, 3, 2, 40, 44, dtype=torch.float64)
-    stack = wiener(views, SLOPES, KNOWN)
-    for axis in (-2, -1):
-        mirrored = wiener(views.flip(axis, axis - 3), SLOPES, KNOWN)
-        torch.testing.assert_close(mirrored.flip(axis), stack, atol=1e-4, rtol=0)
-
-
 def test_a_photograph_through_one_view_is_that_view():
     aperture = torch.zeros(3, 3)
     aperture[1, 1] = 1
     views = plane_views(0.3, (3, 3), (64, 64))
     made = wiener(views, [0.3], only(0.3), aperture)[0]
     assert math.sqrt((made - views[1, 1])[..., 16:-16, 16:-16].square().mean()) < 2e-3
-
-
-@pytest.mark.parametrize(
-    "weights", [torch.arange(9.0).reshape(3, 3), torch.tensor([[1.0, 1, 0], [1, 1, 1], [1, 1, 0]]), torch.eye(3)]
-)
-def test_apertures_that_are_not_alike_on_both_sides_are_refused(weights):
-    with pytest.raises(InputError, match="symmetric about both axes"):
-        wiener(torch.rand(3, 3, 1, 20, 20), [0.0], KNOWN, weights)
 
 
 MARGIN = 3
@@ -199,27 +172,3 @@ def test_spectra_are_those_of_views_mixed_with_their_opposites(monkeypatch, n_at
         torch.testing.assert_close(first[n_sums + p], expected[p] - expected[-1 - p])
     if len(expected) % 2:
         torch.testing.assert_close(first[both.n_pairs], expected[both.n_pairs])
-
-
-def test_squares_one_by_one_give_the_same_picture(monkeypatch):
-    views = torch.rand(3, 3, 3, 90, 130)
-    expected = wiener(views, SLOPES, KNOWN)
-    monkeypatch.setattr(module, "AT_ONCE", 1)
-    assert torch.equal(wiener(views, SLOPES, KNOWN), expected)
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize(("n_given", "n_sums", "width"), [(9, 5, 21), (4, 2, LANES), (1, 1, 3)])
-def test_only_the_rows_of_the_band_are_written(compiled, n_given, n_sums, width):
-    generator = np.random.default_rng(0)
-    n_planes, n_pictures, height = 2, 3, 4
-    spectra = generator.standard_normal((n_given, n_pictures, height, width, 2))
-    n_lanes = -(-width // LANES)
-    factors = generator.standard_normal((n_planes, height, n_lanes, n_given, LANES))
-    made = np.full((n_planes, n_pictures, height, width, 2), np.nan)
-    (add_rows if compiled else add_rows.py_func)(spectra, factors, n_sums, 1, 3, made)
-    turned = spectra.view(np.complex128)[..., 0] * np.where(np.arange(n_given) < n_sums, 1, 1j)[:, None, None, None]
-    of_frequencies = factors.transpose(0, 3, 1, 2, 4).reshape(n_planes, n_given, height, -1)[..., :width]
-    expected = np.einsum("npyx,pjyx->njyx", of_frequencies, turned)
-    np.testing.assert_allclose(made[:, :, 1:3].view(np.complex128)[..., 0], expected[:, :, 1:3], atol=1e-12)
-    assert np.isnan(made[:, :, [0, 3]]).all()

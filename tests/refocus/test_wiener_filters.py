@@ -139,16 +139,6 @@ def test_shares_are_probabilities_that_reach_a_margin_beyond_what_was_found(valu
     torch.testing.assert_close(steps, torch.full_like(steps, wiener_filters.STEP))
 
 
-@pytest.mark.parametrize("disparity", [-1.0, 0.0, 0.03, 0.4])
-def test_the_mean_of_what_was_found_is_the_disparity_found(disparity):
-    known = wiener_filters.prior_of_map(torch.full((5, 6), disparity))
-    inner = [
-        (d, s - wiener_filters.BROAD / len(known.shares)) for d, s in zip(known.disparities, known.shares, strict=True)
-    ]
-    assert sum(s for _, s in inner) == pytest.approx(1 - wiener_filters.BROAD)
-    assert share_near(known, disparity) > 1 - wiener_filters.BROAD
-
-
 def test_rare_disparities_count_by_the_root_of_how_often_they_occur():
     rare = 16 * wiener_filters.STEP
     known = wiener_filters.prior_of_map(torch.tensor([0.0] * 9900 + [rare] * 100, dtype=torch.float64))
@@ -161,15 +151,6 @@ def test_rare_disparities_count_by_the_root_of_how_often_they_occur():
 def test_maps_with_holes_are_refused(values):
     with pytest.raises(InputError, match="disparities must be finite"):
         wiener_filters.prior_of_map(torch.tensor(values))
-
-
-@pytest.mark.parametrize(("first", "last"), [(-1.0, 0.5), (0.5, -1.0)])
-def test_between_two_disparities_all_are_alike(first, last):
-    known = wiener_filters.prior_between(first, last)
-    inside = [s for d, s in zip(known.disparities, known.shares, strict=True) if -0.9 < d < 0.4]
-    outside = [s for d, s in zip(known.disparities, known.shares, strict=True) if not -1.1 < d < 0.65]
-    assert max(inside) < 1.001 * min(inside)
-    assert min(inside) > 10 * max(outside)
 
 
 def test_power_by_hand():

@@ -8,7 +8,6 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-import lfref
 from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.functional.psnr import psnr
@@ -20,7 +19,7 @@ from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import simulate
 from lfref.simulator.textures import Noise
-from tests.refocus.conftest import layered_views, shifted_views, slanted_views, texture
+from tests.refocus.conftest import layered_views, shifted_views, texture
 
 SLOPES = torch.linspace(-1, 1, 9, dtype=torch.float64)
 STEP = 0.25
@@ -45,24 +44,6 @@ def test_exact_stacks_place_a_plane_to_a_twentieth_of_a_step(plane, disparity):
     assert float((slopes - disparity).abs().max()) < STEP / 2
 
 
-def test_linear_interpolation_pulls_the_index_towards_whole_shifts(plane):
-    views, _ = plane(0.87)
-    exact, linear = (
-        index_to_slope(all_in_focus(shift_and_sum(views, SLOPES, name)).index, SLOPES).median()
-        for name in ("exact", "linear")
-    )
-    assert float(exact) == pytest.approx(0.87, abs=STEP / 20)
-    assert float(linear) == 1
-
-
-def test_a_slanted_plane_comes_back_within_half_a_step():
-    views, disparity = slanted_views(-0.6, 1.2 / 72)
-    found = all_in_focus(shift_and_sum(views, SLOPES, "exact"))
-    error = (index_to_slope(found.index, SLOPES) - disparity).abs()[6:-6, 6:-6]
-    assert float(error.max()) < STEP / 2
-    assert float(error.median()) < STEP / 8
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_simulated_scenes_come_back_where_they_are_textured(seed):
     scene = RandomScenes(Camera(size=(128, 136))).draw(torch.Generator().manual_seed(seed))
@@ -83,37 +64,12 @@ def test_simulated_scenes_come_back_where_they_are_textured(seed):
     assert int(errors.argmin()) == 0
 
 
-def test_the_real_capture_has_its_animal_before_its_wall(lytro):
-    views = lfref.read(lytro, encoding="linear").views[..., 30:230, 30:370]
-    slopes = torch.linspace(-1.5, 0.5, 9)
-    found = index_to_slope(all_in_focus(shift_and_sum(views, slopes, "exact")).index, slopes)
-    assert float(found[150:190, 280:330].median()) == pytest.approx(-0.87, abs=0.05)
-    assert float(found[15:85, 10:95].median()) == pytest.approx(-0.08, abs=0.05)
-
-
-def test_every_pixel_of_the_image_comes_from_the_sharpest_plane():
-    stack = torch.full((3, 2, 40, 40), 0.5)
-    stack[2, :, :, :20] += 0.3 * torch.rand(2, 40, 20)
-    stack[1, :, :, 20:] += 0.3 * torch.rand(2, 40, 20)
-    image, index, _ = all_in_focus(stack)
-    assert torch.equal(image[..., :15], stack[2, ..., :15])
-    assert torch.equal(image[..., 25:], stack[1, ..., 25:])
-    assert bool((index[:, :15] == 2).all())
-
-
 def test_the_index_of_a_gaussian_peak_is_its_centre():
     height = torch.exp(-(torch.arange(7, dtype=torch.float64) - 3.3).square() / 8)
     stack = height[:, None, None, None] * torch.rand(1, 32, 33, dtype=torch.float64) * 10
     torch.testing.assert_close(
         all_in_focus(stack).index, torch.full((32, 33), 3.3, dtype=torch.float64), atol=1e-4, rtol=0
     )
-
-
-def test_first_and_last_planes_keep_whole_numbers():
-    detail = torch.rand(1, 20, 20)
-    shrinking = torch.stack([detail, detail * 0.9, detail * 0.5])
-    assert bool((all_in_focus(shrinking).index == 0).all())
-    assert bool((all_in_focus(shrinking.flip(0)).index == 2).all())
 
 
 def test_confidence_is_the_lead_over_planes_that_are_not_neighbours():
@@ -141,31 +97,6 @@ def test_flat_stacks_have_index_and_confidence_0():
     assert bool((image == 0.5).all())
     assert not index.any()
     assert not confidence.any()
-
-
-@pytest.mark.parametrize("n_planes", [1, 2])
-def test_few_planes_are_no_error(n_planes):
-    stack = torch.rand(n_planes, 3, 12, 12)
-    found = all_in_focus(stack)
-    assert bool((found.index == found.index.round()).all())
-    assert found.index.max() == n_planes - 1
-    if n_planes == 1:
-        assert torch.equal(found.image, stack[0])
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 2)])
-@pytest.mark.parametrize("radius", [0.0, 2.0])
-def test_images_smaller_than_the_window_are_no_error(size, radius):
-    found = all_in_focus(torch.rand(5, 3, *size), radius)
-    assert found.image.shape == (3, *size)
-    assert all(bool(part.isfinite().all()) for part in found)
-
-
-def test_radius_0_compares_pixels_one_by_one():
-    stack = torch.zeros(3, 1, 9, 9)
-    stack[0, 0, 2, 2] = stack[2, 0, 2, 4] = 1
-    index = all_in_focus(stack, 0).index
-    assert index[2].tolist() == [0, 0, 0, 0, 2, 2, 0, 0, 0]
 
 
 @pytest.mark.parametrize(("dtype", "channels"), [(torch.bfloat16, 3), (torch.float32, 1), (torch.float64, 3)])
@@ -216,26 +147,10 @@ def test_slopes_are_linear_between_planes(slopes):
     torch.testing.assert_close(index_to_slope(index, slopes), torch.tensor(between, dtype=torch.float64))
 
 
-def test_one_plane_has_one_slope_and_gradients_pass():
-    assert index_to_slope(torch.zeros(2, 3), [0.4]).tolist() == [[pytest.approx(0.4)] * 3] * 2
-    index = torch.tensor([0.3, 1.9], requires_grad=True)
-    index_to_slope(index, [0.0, 1.0, 4.0]).sum().backward()
-    assert index.grad.tolist() == [1, 3]
-
-
-def test_what_is_not_finite_stays_so():
-    assert bool(index_to_slope(torch.tensor([math.nan]), [0.0, 1.0]).isnan().all())
-
-
 @pytest.mark.parametrize("slopes", [[0.0, 1.0, 0.5], [0.0, 0.0], [], [0.0, math.nan]])
 def test_slopes_that_are_no_scale_are_refused(slopes):
     with pytest.raises(InputError, match="slopes must"):
         index_to_slope(torch.zeros(3, 3), slopes)
-
-
-def test_an_index_of_integers_is_refused():
-    with pytest.raises(InputError, match="index must be floating point"):
-        index_to_slope(torch.zeros(3, dtype=torch.int64), [0.0, 1.0])
 
 
 @pytest.mark.parametrize(

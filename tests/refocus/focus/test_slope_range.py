@@ -1,7 +1,5 @@
 """Slope ranges: reduced views, the fit of a library, coarse disparity of planes, ranges of scenes."""
 
-import dataclasses
-
 import pytest
 import torch
 from torch.nn import functional as F
@@ -10,13 +8,11 @@ from lfref.refocus.focus import slope_range as module
 from lfref.refocus.focus.slope_range import (
     CoarseDisparity,
     disparity_of_reduced,
-    on_surfaces,
     reduce_views,
     scene_range,
     slope_range,
 )
 from lfref.simulator import sim30
-from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import layered_views, shifted_views, texture
 
@@ -54,14 +50,6 @@ def test_where_the_cross_is_missing_diagonals_are_read():
     weight = torch.eye(5)[:, :, None, None, None].expand(5, 5, 1, 96, 120)
     assert set(reduce_views(plane(0.5) * weight, weight).indices) == {(k, k) for k in range(5)}
     assert error(coarse(plane(0.5) * weight, weight), 0.5) < 0.03
-
-
-def test_pictures_are_roots_of_mean_light():
-    views = torch.rand(3, 3, 3, 200, 300, dtype=torch.float64)
-    reduced = reduce_views(views, pixels=600)
-    assert reduced.factor == 10
-    block = views[1, 1, :, 30:40, 50:60].mean()
-    assert float(reduced.pictures[0, 3, 5]) == pytest.approx(float(block.sqrt()), rel=1e-5)
 
 
 def test_smooth_gains_are_taken_out_and_parallax_is_left():
@@ -119,12 +107,6 @@ def test_the_fit_is_that_of_a_library(slope, monkeypatch):
     assert float(fit.unexplained[12, 12]) == pytest.approx(float(left), rel=1e-3)
 
 
-def test_beyond_the_border_there_is_nothing_to_fit():
-    fit = fit_at(torch.rand(5, 24, 24), 2.0)
-    assert float(fit.freedom[12, 12]) == pytest.approx(4 * (1 + module.SKIRT))
-    assert fit.freedom[12, -1] < fit.freedom[12, 12]
-
-
 @pytest.mark.parametrize("disparity", [-3.4, -0.3, 0.0, 0.55])
 def test_a_plane_comes_back_with_confidence(disparity):
     found = coarse(plane(disparity))
@@ -132,23 +114,9 @@ def test_a_plane_comes_back_with_confidence(disparity):
     assert float((found.confidence > 0.5).float().mean()) > 0.9
 
 
-def test_a_plane_is_found_as_long_as_views_overlap():
-    views = {disparity: shifted_views(texture(1, 96, 120), disparity, (3, 3)) for disparity in (15.0, 24.0)}
-    near, nearest = (coarse(each[..., 24:71, 30:90]) for each in views.values())
-    assert error(near, 15.0) < 0.1
-    assert slope_range(near) is not None
-    assert not bool((nearest.confidence > 0.5).any())
-
-
 @pytest.mark.parametrize("grid", [(1, 7), (7, 1), (2, 2), (14, 14)])
 def test_grids_of_all_kinds_will_do(grid):
     assert error(coarse(plane(0.7, grid)), 0.7) < 0.03
-
-
-def test_two_planes_meet_at_an_edge():
-    disparity = coarse(torch.where(torch.arange(120) < 60, plane(0.5), plane(-1.0))).disparity
-    assert (disparity[12:-12, 12:50] - 0.5).abs().median() < 0.02
-    assert (disparity[12:-12, 70:-12] + 1.0).abs().median() < 0.02
 
 
 def test_large_views_are_reduced_and_disparities_stay_in_their_pixels():
@@ -157,13 +125,6 @@ def test_large_views_are_reduced_and_disparities_stay_in_their_pixels():
     found = coarse(views)
     assert found.factor == 3
     assert error(found, 4.0) < 0.15
-
-
-def test_noise_widens_the_error_and_lowers_the_confidence():
-    views = plane(0.6)
-    noisy = views + 0.15 * torch.randn_like(views)
-    assert error(coarse(noisy), 0.6) < 0.1
-    assert coarse(noisy).confidence.mean() < coarse(views).confidence.mean()
 
 
 def test_a_hole_and_black_views_are_not_read():
@@ -206,10 +167,6 @@ def test_one_view_and_single_pixels_end_in_a_map(shape):
     assert bool(coarse(torch.rand(shape)).disparity.isfinite().all())
 
 
-NOT_ON_SURFACES = ("gloss", "apple", "window", "mirror", "lamps", "veil")
-"""Highlights, reflections, what glass and veils let through: at other disparities than those of the surfaces."""
-
-
 def held_against(truth, views):
     """Share of the true disparities that the range covers, and how many times it is as wide as their 98 %."""
     low, high = slope_range(coarse(views))
@@ -226,23 +183,6 @@ def test_the_range_covers_a_scene_and_is_hardly_wider(name):
     assert width < 1.3
 
 
-def test_a_blank_disc_ends_the_range_within_a_twentieth_of_a_pixel():
-    views = simulate(sim30.SCENES["crosstalk"], outputs=["views"]).views
-    low, high = slope_range(disparity_of_reduced(reduce_views(views)))
-    assert low < -0.8
-    assert high == pytest.approx(0.35, abs=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in sim30.SCENES if name not in (*NOT_ON_SURFACES, "crosstalk")])
-def test_of_all_scenes_of_surfaces_with_and_without_their_sensors(name):
-    for scene in (sim30.SCENES[name], dataclasses.replace(sim30.SCENES[name], sensor=Sensor())):
-        simulated = simulate(scene, outputs=["views", "disparity"])
-        covered, width = held_against(simulated.disparity, simulated.views)
-        assert covered > 0.98
-        assert width < 1.3
-
-
 def test_strays_and_unsure_pixels_are_left_out():
     disparity = torch.linspace(-1, 1, 100).expand(100, 100).clone()
     disparity[50, 50] = 30.0
@@ -251,14 +191,6 @@ def test_strays_and_unsure_pixels_are_left_out():
     low, high = slope_range(CoarseDisparity(disparity, confidence, 1, confidence > 0))
     assert low == pytest.approx(-0.5, abs=0.1)
     assert high == pytest.approx(1.0, abs=0.1)
-
-
-def test_a_surface_is_where_neighbours_agree():
-    disparity = torch.zeros(9, 9)
-    disparity[4, 4] = 1.0
-    assert not on_surfaces(CoarseDisparity(disparity, torch.ones(9, 9), 1, torch.ones(9, 9, dtype=torch.bool)))[4, 4]
-    # The same difference is none where pixels are reduced ten times as much.
-    assert on_surfaces(CoarseDisparity(disparity, torch.ones(9, 9), 20, torch.ones(9, 9, dtype=torch.bool)))[4, 4]
 
 
 @pytest.mark.parametrize(

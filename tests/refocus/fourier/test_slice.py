@@ -111,19 +111,6 @@ def test_accuracy_on_a_textured_plane_in_focus(plane, disparity, height, width, 
     assert decibels(sliced, exact) > owed
 
 
-def test_float32_keeps_the_accuracy():
-    views = torch.rand(7, 7, 1, 33, 40, dtype=torch.float64)
-    error = fourier_slice(views.float(), [0.7]).double() - fourier_slice(views, [0.7])
-    assert error.abs().max() < 2e-6
-
-
-def test_weights_choose_the_views():
-    views = torch.rand(3, 3, 1, 12, 13, dtype=torch.float64)
-    weights = torch.rand(3, 3)
-    sliced, exact = fourier_slice(views, [0.6], width=8, weights=weights), exact_fourier(views, [0.6], weights)
-    torch.testing.assert_close(sliced, exact, atol=1e-6, rtol=0)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
