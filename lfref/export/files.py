@@ -30,7 +30,7 @@ from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, exported, load
+from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, Exported, load
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 
@@ -59,7 +59,7 @@ class Graph(NamedTuple):
     output: Axes
     example: tuple[Tensor, ...]
     description: dict[str, Any]
-    """Plain values from which `load.exported` makes a refocuser."""
+    """Plain values from which `load.Exported` makes a refocuser."""
 
     def free_axes(self, mark: Any) -> tuple[dict[int, Any], ...]:
         """`mark` at the place of each axis of the inputs that may have any length."""
@@ -265,7 +265,7 @@ def _write_pt2(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refoc
     program._guards_code.clear()
     torch.export.save(program, path, extra_files={DESCRIPTION: json.dumps(graph.description)})
     module = program.module()
-    return exported(lambda views: module(views), graph.description)
+    return Exported(lambda views: module(views), graph.description)
 
 
 def _write_weights(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refocuser:

@@ -116,10 +116,7 @@ def _compiled(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bo
 
     def work(first: int, last: int) -> None:
         x_part, y_part, *outputs = (array[first:last] for array in (*pair, values, *gradients))
-        if for_x or for_y:
-            set_values_and_gradients(x_part, y_part, tables, *outputs)
-        else:
-            set_values(x_part, y_part, tables, outputs[0])
+        set_values_and_gradients(x_part, y_part, tables, *outputs)
 
     # A thread computes whole planes, so the number of threads changes no digit. One more pays from 2^17 pixels on.
     n_threads = min(loops.worthwhile(x.numel(), 1 << 17), max(len(x), 1))
@@ -250,27 +247,10 @@ def tables_of(height: int, width: int, C1: float, C2: float) -> Tables:
 
 
 @compiled
-def set_values(x: Reals, y: Reals, tables: Tables, values: Reals) -> None:
-    """Fill `values`, float64, [P], with 1 - SSIM of each plane [P, H, W]."""
-    _, height, width = x.shape
-    workspace = _workspace(width)
-    for p in range(len(x)):
-        centres, total = (_mean(x[p]), _mean(y[p])), np.zeros(width)
-        workspace.ring[:] = 0
-        for i in range(height + RADIUS):
-            if i < height:
-                _center(x[p, i], y[p, i], centres, workspace.fields)
-                _filter_row(workspace.fields, tables.mean, workspace.ring[i % TAPS])
-            if i >= RADIUS:
-                _filter_columns(workspace.ring, tables.rows.mean[i - RADIUS], i - RADIUS, workspace.row)
-                _add_values(workspace.row, tables, centres, total)
-        values[p] = total.sum() / (height * width)
-
-
-@compiled
 def set_values_and_gradients(x: Reals, y: Reals, tables: Tables, values: Reals, g_x: Reals, g_y: Reals) -> None:
     """Fill `values` with 1 - SSIM of each plane, and `g_x`, `g_y` [P, H, W] with gradients ([P, 0, 0]: not needed)."""
     _, height, width = x.shape
+    has_gradients = g_x.size + g_y.size > 0
     means, slopes = _workspace(width), _workspace(width)
     for p in range(len(x)):
         centres, total = (_mean(x[p]), _mean(y[p])), np.zeros(width)
@@ -285,8 +265,9 @@ def set_values_and_gradients(x: Reals, y: Reals, tables: Tables, values: Reals, 
             if 0 <= middle < height:
                 _filter_columns(means.ring, tables.rows.mean[middle], middle, means.row)
                 _add_values_and_set_slopes(means.row, tables, centres, total, slopes.fields[:, RADIUS:])
-                _filter_row(slopes.fields, tables.adjoint, slopes.ring[middle % TAPS])
-            if last >= 0:
+                if has_gradients:
+                    _filter_row(slopes.fields, tables.adjoint, slopes.ring[middle % TAPS])
+            if last >= 0 and has_gradients:
                 _filter_columns(slopes.ring, tables.rows.adjoint[last], last, slopes.row)
                 for sign, g in ((1, g_x), (-1, g_y)):
                     if g.size:
@@ -343,20 +324,6 @@ def _filter_columns(ring: Reals, band: Reals, i: int, result: Reals) -> None:
                 # Rows beyond the ends have weight 0; their places in the ring hold other rows, or zeros.
                 value += band[k] * ring[(i + k + TAPS - RADIUS) % TAPS, q, j]
             total[j] = value
-
-
-@compiled
-def _add_values(row: Reals, tables: Tables, centres: tuple[float, float], total: Reals) -> None:
-    """Add a + b - ab of a row to `total`."""
-    centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
-    for j in range(len(total)):
-        mean_d, mean_s = row[0, j], row[1, j]
-        squared_d, squared_s = (mean_d + centre_d) ** 2, (mean_s + centre_s) ** 2
-        var_d, var_s = _positive(row[2, j] - mean_d * mean_d), _positive(row[3, j] - mean_s * mean_s)
-        # mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2; numerators and denominators carry a factor of 2.
-        a = 2 * squared_d / (squared_s + squared_d + 2 * tables.C1)
-        b = 2 * var_d / (var_s + var_d + 2 * tables.C2)
-        total[j] += a + b - a * b
 
 
 @compiled

@@ -16,15 +16,7 @@ from lfref.functional.ssim import ssim
 
 
 class StackQuality(Metric):
-    """Mean over all stacks of an image quality, plane by plane; subclasses name the quality.
-
-    Args:
-        n_planes: Number N of focal planes in a stack.
-        data_range: Difference between white and black, finite and above 0.
-
-    Raises:
-        InputError: `n_planes` is below 1.
-    """
+    """Mean over all stacks of `n_planes` planes of an image quality, plane by plane; subclasses name the quality."""
 
     full_state_update = False
     higher_is_better = True
@@ -35,8 +27,6 @@ class StackQuality(Metric):
 
     def __init__(self, n_planes: int = 16, data_range: float = 1.0) -> None:
         super().__init__()
-        if n_planes < 1:
-            raise InputError("n_planes must be at least 1", got=n_planes)
         self.n_planes = n_planes
         self.data_range = data_range
         self.add_state("total", torch.zeros(n_planes, dtype=torch.float64), dist_reduce_fx="sum")

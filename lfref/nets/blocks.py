@@ -78,15 +78,8 @@ class WideConv2d(nn.Conv2d):
 class StemConv2d(nn.Conv2d):
     """The first convolution: its bias and result stay in the type of the bias under autocast.
 
-    Args:
-        samples: Channels of the images, in the order (view, colour, pixel of a coarse one).
-        filters: Channels of the result.
-        kernel: Side of the kernel, odd.
-        colours: Number of colours that are read apart, by the same weights; 1 reads all of them together.
-        inner: Pixels of a coarse one, r^2.
-
-    Raises:
-        InputError: Filters that cannot be shared out among the colours.
+    It reads so many colours apart, by the same weights; 1 reads all of them together. The order of its channels is
+    (view, colour, pixel of a coarse one); `inner` is the number of these pixels, r^2.
     """
 
     def __init__(self, samples: int, filters: int, kernel: int, colours: int = 1, inner: int = 1) -> None:

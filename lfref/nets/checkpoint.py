@@ -52,16 +52,7 @@ def save(path: str | Path, network: Network, planes: FocalPlanes) -> None:
 
 
 def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
-    """Write the network of a checkpoint as safetensors, which `read` reads too.
-
-    Args:
-        path: `NAME.safetensors`.
-        contents: Return value of `read`.
-        notes: Plain containers, for people who read the file.
-
-    Raises:
-        FileError: The disk refuses.
-    """
+    """Write the network of a checkpoint, as `read` returned it, as safetensors, with notes for readers of the file."""
     state = {name: value for name, value in contents["state_dict"].items() if name.startswith(PREFIX)}
     tensor_files.write_weights(path, state, {"lfref": contents["lfref"], "notes": notes})
 
@@ -106,8 +97,6 @@ def restored(
         if kind is None:
             expected, remedy = f"{path} must hold one of our networks", "give its class: load(path, net=CLASS)"
             raise CheckpointError(expected, got=name, remedy=remedy)
-        if kind is RefNet:
-            arguments.setdefault("padding", "zeros")  # files of before there was a choice
         planes = planes_from(entry["planes"])
         network: Network = built(path, kind, arguments, contents["state_dict"])
         check_number(network, planes)
@@ -120,22 +109,11 @@ def restored(
 
 
 def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], state: Mapping[str, Any]) -> Module:
-    """The network of a checkpoint, with its weights.
+    """The network of a checkpoint, of this class and with these arguments, and with its weights; errors name `path`.
 
     The arguments are hostile input: first the network is built without memory, and compared with the weights.
-
-    Args:
-        path: File of the checkpoint.
-        kind: Class of the network.
-        arguments: Arguments of the class, from the checkpoint.
-        state: `state_dict` of the checkpoint.
-
-    Raises:
-        CheckpointError: Weights are missing, have other shapes or types, or are not finite.
-        InputError: No network can be built from these arguments.
     """
-    weights = _network_weights(state)
-    check_weights(path, weights)
+    weights = network_weights(path, state)
     # Networks of other packages may need memory to be built; the user trusts these packages.
     if kind.__module__.startswith("lfref."):
         # Without a limit, a list or number in a small file builds more layers than fit into memory.
@@ -149,37 +127,26 @@ def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], st
         with torch.device("meta"):
             compare(path, kind(**arguments), weights)
     network = kind(**arguments)
-    compare(path, network, weights)
-    network.load_state_dict({name: weights[name] for name in network.state_dict()})
+    fill(path, network, weights)
     return network
 
 
-def start(network: nn.Module, path: str | Path, weights: Mapping[str, Any] | None = None) -> None:
-    """Give a network the weights of a file, of a network of the same shape, to begin training with.
+def start(network: nn.Module, path: str | Path) -> None:
+    """Give a network the weights of a file to begin training with; CheckpointError if it holds none of this shape."""
+    fill(path, network, network_weights(path, read(path)["state_dict"]))
 
-    Args:
-        network: The network.
-        path: The file.
-        weights: What to take in place of the file's weights, made of them.
 
-    Raises:
-        CheckpointError: The file holds no such weights.
-    """
-    weights = network_weights(path, read(path)) if weights is None else weights
+def fill(path: str | Path, network: nn.Module, weights: Mapping[str, Tensor]) -> None:
+    """Give a network its weights; CheckpointError if they do not fit."""
     compare(path, network, weights)
     network.load_state_dict({name: weights[name] for name in network.state_dict()})
 
 
-def network_weights(path: str | Path, contents: Mapping[str, Any]) -> dict[str, Any]:
-    """The network's part of the contents of `read`, by the names that the network itself uses; CheckpointError."""
-    weights = _network_weights(contents["state_dict"])
+def network_weights(path: str | Path, state: Mapping[str, Any]) -> dict[str, Tensor]:
+    """The network's part of a `state_dict`, checked, by the names that the network itself uses."""
+    weights = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
     check_weights(path, weights)
     return weights
-
-
-def _network_weights(state: Mapping[str, Any]) -> dict[str, Any]:
-    """The network's part of a `state_dict`, by the names that the network itself uses."""
-    return {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
 
 
 def check_weights(path: str | Path, weights: Mapping[str, Any]) -> None:
@@ -208,7 +175,3 @@ def compare(path: str | Path, network: nn.Module, weights: Mapping[str, Tensor])
         got: Any = tuple(weights[name].shape) if name in weights else "nothing"
         if got != tuple(own.shape):
             raise CheckpointError(f"{path}: {name} must be {tuple(own.shape)}", got=got, remedy="train it anew")
-        if own.is_floating_point() != weights[name].is_floating_point():
-            raise CheckpointError(
-                f"{path}: {name} must be {own.dtype}", got=weights[name].dtype, remedy="train it anew"
-            )

@@ -68,14 +68,9 @@ def one_process(value: Tensor) -> Tensor:
 def ridge_regression(
     pairs: Iterable[tuple[Tensor, Tensor]], total: Total = one_process
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Weights and bias of the best linear prediction of labels from features.
+    """Weights [K, F] and bias [K] of the best linear prediction of labels; covariance [F, F] of the features.
 
-    Args:
-        pairs: Features [B, F, H, W] and labels [B, K, H, W], any number of times; at least one pair.
-        total: Function that adds up a tensor over all processes, which hold other pairs.
-
-    Returns:
-        Weights [K, F], bias [K] and covariance of the features [F, F], float64.
+    `pairs` are features [B, F, H, W] and labels [B, K, H, W]; `total` adds up a tensor over all processes.
     """
     sums: list[Tensor] = []
     for features, labels in pairs:
@@ -109,12 +104,7 @@ def for_all_colours(matrix: Tensor, channels: int, inner: tuple[int, int]) -> Te
 
 
 def kept_directions(predicted: Tensor, count: int) -> Tensor:
-    """Directions of one colour's labels that `count` filters carry, [K, min(K, count)]: all, or the principal ones.
-
-    Args:
-        predicted: Covariance of the predicted labels of one colour, [K, K].
-        count: Number of filters for each colour.
-    """
+    """Directions of one colour's labels that `count` filters carry, [K, min(K, count)]: all, or the principal ones."""
     if count >= len(predicted):
         return torch.eye(len(predicted)).to(predicted)
     return torch.linalg.eigh(predicted).eigenvectors[:, -count:]
@@ -161,13 +151,7 @@ def set_head(first: nn.Conv2d, last: nn.Conv2d, weights: Tensor, bias: Tensor) -
 
 
 def edge_gains(pairs: Iterable[tuple[Tensor, Tensor]], gains: Tensor, total: Total = one_process) -> Tensor:
-    """Step 4 of the linear start: the gains [K, 2 n + 1, 2 n + 1] by which outputs come nearest to their labels.
-
-    Args:
-        pairs: Outputs and labels of crops, [B, K, H, W] each.
-        gains: A tensor of the shape of the result.
-        total: As for `ridge_regression`.
-    """
+    """Step 4 of the linear start: the gains [K, 2 n + 1, 2 n + 1] by which outputs come nearest to their labels."""
     products, squares = torch.zeros(2, *gains.shape, dtype=torch.float64, device=gains.device)
     for output, label in pairs:
         out, y = output.double(), label.double()

@@ -110,15 +110,8 @@ class Refiner(nn.Module):
         return next(self.parameters())
 
     def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
-        """Correct pictures.
-
-        Args:
-            features: Features, candidates first, in the type of the weights, [..., N, K, H, W].
-            pictures: Pictures to correct, of any type, [..., N, C, H, W].
-            error_scale: Light by which candidates are multiplied, in the type of the pictures, [..., N, 1, H, W].
-
-        Raises:
-            InputError: Features have another number of channels.
+        """Correct pictures [..., N, C, H, W] by features [..., N, K, H, W], candidates first, and their error scale
+        [..., N, 1, H, W], the light by which candidates are multiplied.
         """
         if features.shape[-3] != self.config["n_features"]:
             n_features = self.config["n_features"]

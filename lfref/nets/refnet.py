@@ -147,12 +147,7 @@ class RefNet(Network):
         self.gains = nn.Parameter(torch.ones(outputs, places, places)) if padding == RENORMALIZE else None
 
     def features(self, views: Tensor) -> Tensor:
-        """Input of the last convolution: views [..., V, U, C, H, W] -> [B, N C r^2, H / r, W / r], rounded up.
-
-        Raises:
-            InputError: The views have another grid or number of channels than the network was built for, another type
-                of sample, or too few pixels.
-        """
+        """Input of the last convolution: views [..., V, U, C, H, W] -> [B, N C r^2, H / r, W / r], rounded up."""
         check_views(views)
         expected = (*self.config["grid"], self.config["channels"])
         if tuple(views.shape[-5:-2]) != expected:

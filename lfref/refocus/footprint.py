@@ -106,39 +106,32 @@ class Footprint(NamedTuple):
     size: tuple[int, int]
     """Height and width of a view in pixels."""
 
-    def varies(self, slopes: Tensor) -> bool:
-        """Whether the blur of planes at slopes [N] or [N, H, W] differs from pixel to pixel."""
-        return self.disparity.ndim > 0 or slopes.ndim > 1
+    @property
+    def varies(self) -> bool:
+        """Whether the blur of a plane differs from pixel to pixel."""
+        return self.disparity.ndim > 0
 
     def widths(self, slopes: Tensor) -> Tensor:
-        """Signed widths of the boxes in pixels for slopes [N] or [N, H, W]: [N], or [B or 1, N, H, W] if they vary.
-
-        Raises:
-            InputError: A box that is wider than the picture.
-        """
-        planes = slopes.reshape(1, len(slopes), *slopes.shape[1:] or (1, 1)) if self.varies(slopes) else slopes
+        """Signed widths of the boxes in pixels for slopes [N]: [N], or [B or 1, N, H, W] if they vary."""
         disparity = self.disparity
-        widths = self.fill * (planes.to(disparity) - disparity if disparity.ndim else planes - float(disparity))
+        planes = slopes[None, :, None, None].to(disparity) if self.varies else slopes
+        widths = self.fill * (planes - disparity)
         if (widest := float(torch.stack(widths.detach().aminmax()).abs().max())) > max(self.size):
             raise InputError(
                 f"fill * |slope - disparity| must be at most the picture's {max(self.size)} px",
                 got=f"{widest:g} px",
                 remedy="disparity is in pixels per view step, as slopes are",
             )
-        return widths.expand(-1, -1, *self.size) if widths.ndim > 1 else widths
+        return widths
 
     def responses(self, slopes: Tensor, frequencies: Tensor) -> Tensor:
         """Real factors of the frequencies along one axis, [N, 1, K]; 1 where the blur varies and comes afterwards."""
-        widths = torch.zeros_like(slopes) if self.varies(slopes) else self.widths(slopes)
+        widths = torch.zeros_like(slopes) if self.varies else self.widths(slopes)
         return response(widths, frequencies)[:, None]
 
 
 def checked(fill: float, disparity: float | Tensor, views: Tensor) -> Footprint:
-    """The footprint of the cells of views [..., V, U, C, H, W].
-
-    Raises:
-        InputError: Numbers that are not finite, a negative `fill`, or a map of disparities of another shape.
-    """
+    """The footprint of the cells of views [..., V, U, C, H, W]."""
     size = (views.shape[-2], views.shape[-1])
     if not (isinstance(fill, int | float) and math.isfinite(fill) and fill >= 0):
         raise InputError("fill must be finite and >= 0, in view steps", got=repr(fill), remedy="1 fills the aperture")
@@ -163,14 +156,7 @@ places, and a quotient by next to nothing would be a dot."""
 
 
 def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | None = None) -> Tensor:
-    """Planes blurred by a box of another width at every pixel, [B, N, C, H, W], 0 where there is no coverage.
-
-    Args:
-        stack: Planes as sums over points, float32 or float64, [B, N, C, H, W].
-        widths: Of the boxes, with any sign, in pixels, where the stack is, [B or 1, N, H, W].
-        border: How planes continue beyond their edges.
-        coverage: Share of the aperture that has a sample, [N, H, W]; read where only samples count.
-    """
+    """Planes [B, N, C, H, W] blurred by boxes [B or 1, N, H, W] of signed widths; 0 without coverage [N, H, W]."""
     places = place(widths.to(stack.dtype).square())
     covered = coverage.to(stack) if border.counts_only_samples and coverage is not None else None
     if batches.is_compiled(stack, places):
@@ -187,7 +173,7 @@ def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | No
 
 def periodic(stack: Tensor, cell: Footprint, slopes: Tensor) -> Tensor:
     """Planes [B, N, C, H, W] that wrap around, blurred if the blur varies; a constant one is part of the spectrum."""
-    if cell.fill == 0 or not cell.varies(slopes):
+    if cell.fill == 0 or not cell.varies:
         return stack
     return blurred(stack, cell.widths(slopes), BORDERS["wrap"])
 
@@ -268,14 +254,7 @@ class Workspace(NamedTuple):
 
 
 def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: Sequence[RowFactors]) -> None:
-    """Blur planes in place on the CPU, each by its own box, then multiply them by their factors; width 0: neither.
-
-    Args:
-        stack: Float32 or float64, [B, N, C, H, W].
-        widths: Of the boxes in pixels, >= 0, [N].
-        border: How planes continue; black where only samples count.
-        scales: What each is multiplied by when it is blurred, [N].
-    """
+    """Blur planes [B, N, C, H, W] in place, each by its box [N], then multiply them by factors; width 0: neither."""
     boxes = [_box(width, border, stack.shape[-2:], stack.dtype) for width in widths]
 
     def work(b: int, n: int, c: int) -> None:

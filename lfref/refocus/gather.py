@@ -30,21 +30,9 @@ class ViewMap(NamedTuple):
 def mean_of_views(
     views: Tensor, aperture: Tensor, planes: Sequence[ViewMap], interpolation: str, border: str
 ) -> tuple[Tensor, Tensor]:
-    """Weighted mean, at each pixel, of the views that have a sample there; 0 where none has.
+    """Weighted mean, at each pixel, of the views [B, V, U, C, H, W] that have a sample there; 0 where none has.
 
-    Args:
-        views: Light fields, floating point, uint8 or uint16, [B, V, U, C, H, W].
-        aperture: Weights of sum 1, float64, [V, U]; a view of weight 0 is not read.
-        planes: Where the views are read for each plane.
-        interpolation: A key of `INTERPOLATIONS` that reads a few samples only.
-        border: A key of `BORDERS`.
-
-    Returns:
-        Stacks, float32 (float64 for such views), [B, N, C, H, W], and the share of the aperture that has a sample,
-        float64, [N, H, W].
-
-    Raises:
-        InputError: An unknown border, or an interpolation that is unknown or reads all samples (`exact`).
+    Returns stacks [B, N, C, H, W], and the share of the aperture [V, U] that has a sample, float64, [N, H, W].
     """
     local = {name: record for name, record in INTERPOLATIONS.items() if record.weights is not None}
     method = chosen("interpolation at positions that vary over the picture", interpolation, local)
@@ -78,9 +66,7 @@ def mean_of_views(
 def sample(images: Tensor, x: Tensor, y: Tensor, method: Interpolation, border: Border) -> tuple[Tensor, Tensor]:
     """Read images [..., H, W] at any positions in pixels, float64, that broadcast to [P...].
 
-    Returns:
-        Samples, [..., P...], and whether each position has one, [P...]: where it lies on the image if only samples
-        count, else everywhere.
+    Returns samples [..., P...], and where there are some, [P...]: on the image if only samples count, else everywhere.
     """
     assert method.weights is not None, "this interpolation reads all samples"
     taps, has_sample = [], torch.ones_like(x, dtype=torch.bool)

@@ -75,13 +75,7 @@ def occlusion_aware(
 def occlusion_aware_parts(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, disparities: Tensor | None = None
 ) -> Tensor:
-    """The stack of `occlusion_aware`, and the pictures by filters for all disparities.
-
-    Arguments and errors are those of `occlusion_aware`.
-
-    Returns:
-        Stack, and pictures for all disparities, side by side as channels, [..., N, 2 C, H, W].
-    """
+    """The stack of `occlusion_aware`, and the pictures by filters for all disparities, side by side as channels."""
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.symmetric_weights(weights, grid)

@@ -74,15 +74,7 @@ class Prior(NamedTuple):
 
 
 def prior_of_map(disparity: Tensor, confidence: Tensor | None = None) -> Prior:
-    """The prior of a disparity map: its histogram, rare values raised, and a broad part for errors of the map.
-
-    Args:
-        disparity: Of all pixels, in pixels per view step, finite, any shape.
-        confidence: Weight of each, >= 0, of the same shape; None weighs all alike.
-
-    Raises:
-        InputError: A disparity that is not finite.
-    """
+    """The prior of a disparity map: its histogram, rare values raised, and a broad part for errors of the map."""
     values = disparity.detach().double().cpu().flatten()
     if not bool(values.isfinite().all()) or values.numel() == 0:
         raise InputError("disparities must be finite and at least one", got="NaN, infinity or none")
@@ -131,18 +123,8 @@ def filters(
 ) -> Iterator[Tensor]:
     """Factors of the sums of opposite views, of the central view, and of the differences, which are times i.
 
-    Plane by plane, since all of a large grid exceed the views of a small one.
-
-    Args:
-        prior: What the scene is like.
-        slopes: In pixels per view step, [N].
-        grid: View rows and columns (V, U).
-        aperture: Weight of each view, together 1, symmetric about both axes, [V, U].
-        reach: Pixels that a filter spans on either side.
-        side: Of the square that is transformed, in pixels, even, at best twice the reach.
-
-    Yields:
-        For each plane, real, float32, at the frequencies of `rfft2`, [V U, side, side // 2 + 1].
+    Plane by plane, [V U, side, side // 2 + 1] at the frequencies of `rfft2`, since all of a large grid exceed the views
+    of a small one. Filters span `reach` pixels on either side; the square of `side` pixels is at best twice as large.
     """
     # A filter that reaches no farther is known by the frequencies of a square of twice its reach: only these are
     # solved for; larger squares get them by padding in pixels.

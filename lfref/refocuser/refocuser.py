@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -42,7 +42,7 @@ class Refocuser(abc.ABC):
     """Whether it was trained on linear light or on encoded samples; None: it takes both."""
     device: torch.device | None = None
     """Device that it runs on, to which views are moved, and the stack back; None: that of the views."""
-    is_network: ClassVar[bool] = False
+    is_network: bool = False
     """Whether it has learned; all others are classical."""
 
     @property
@@ -143,12 +143,7 @@ RANGE = 1e6
 
 
 def check_for_network(name: str, views: Tensor, positions: Tensor | None, device: torch.device) -> None:
-    """Refuse views that the network of a method cannot read.
-
-    Raises:
-        InputError: Cameras off the even grid, views on another device, views that are not finite, or a sample that
-            exceeds `RANGE` times the bright ones.
-    """
+    """Refuse cameras off the even grid, views on another device, and samples that are not finite or far too bright."""
     if positions is not None:
         raise uneven(name)
     if views.device != device:
@@ -162,11 +157,8 @@ def check_for_network(name: str, views: Tensor, positions: Tensor | None, device
     some = views.flatten()[:: max(1, views.numel() // 10**5)].abs()  # as many say enough
     bright = float(some.quantile(0.99))
     if 0 < RANGE * bright < max(-low, high):
-        largest = views.abs().argmax()
-        place = tuple(int(index) for index in torch.unravel_index(largest, views.shape)[-5:])
         expected = f"{name} needs samples below {RANGE:.0e} times the bright ones ({bright:.3g})"
-        got = f"{float(views.flatten()[largest]):.3g} at (v, u, channel, y, x) = {place}"
-        raise InputError(expected, got=got, remedy="mend that sample, or refocus with method=shift_and_sum")
+        raise InputError(expected, got=f"{max(-low, high):.3g}", remedy="mend it, or use method=shift_and_sum")
 
 
 def uneven(name: str) -> InputError:

@@ -8,7 +8,6 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from lfref import geometry
 from lfref.errors import InputError
@@ -17,7 +16,7 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.homography import homography, slope_homographies
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.refocus.surface import per_pixel, tilt_shift
-from tests.refocus.conftest import dirichlet, texture
+from tests.refocus.conftest import dirichlet
 from tests.refocus.slow import slow_shift_and_sum
 
 
@@ -53,15 +52,6 @@ def test_weights_that_are_no_aperture_are_refused(weights, message):
 
 
 PLAIN = torch.rand(2, 3)
-
-
-def test_what_is_differentiated_is_for_pytorch():
-    needed = PLAIN.clone().requires_grad_()
-    assert not batches.is_compiled(PLAIN, needed)
-    with torch.no_grad():
-        assert batches.is_compiled(PLAIN, needed)
-    with forward_ad.dual_level():
-        assert not batches.is_compiled(forward_ad.make_dual(PLAIN, PLAIN))
 
 
 @pytest.mark.parametrize("transform", [torch.func.vmap, torch.func.grad, torch.compile])
@@ -148,25 +138,6 @@ def test_exact_refocusing_reads_every_view_by_its_own_phases(kind, size):
         shift_and_sum(views, SLOPES, "exact", "wrap", weights, positions=positions),
     ):
         torch.testing.assert_close(stack, expected, atol=1e-12, rtol=0)
-
-
-def shifted_by(image: Tensor, disparity: float, positions: Tensor) -> Tensor:
-    """Views of a periodic plane from cameras anywhere: f(x - d u, y - d v)."""
-    height, width = image.shape[-2:]
-    rows = [
-        [dirichlet(height, -disparity * float(v)) @ image @ dirichlet(width, -disparity * float(u)).T for v, u in row]
-        for row in positions
-    ]
-    return torch.stack([torch.stack(row) for row in rows])
-
-
-@each_kind
-def test_a_plane_comes_back_at_its_own_disparity(kind):
-    image, positions = texture(2, 48, 51), uneven(kind, (5, 5))
-    views = shifted_by(image, 0.63, positions)
-    torch.testing.assert_close(exact_fourier(views, [0.63], positions=positions)[0], image, atol=1e-12, rtol=0)
-    if kind != "even":
-        assert float((exact_fourier(views, [0.63])[0] - image).abs().max()) > 1e-3
 
 
 @each_kind

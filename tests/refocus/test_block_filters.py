@@ -68,14 +68,6 @@ def test_priors_are_the_disparities_in_and_around_a_block():
     assert float(shares[1, 0]) > float(shares[1, 1]) > 0.1
 
 
-def test_what_is_smooth_has_hardly_any_share():
-    disparity, power = torch.full((32, 32), -0.6), torch.full((32, 32), 1e-3)
-    disparity[:, 16:], power[:, 16:] = 0.4, 1.0
-    priors = block_priors(disparity, power, SINGLE)
-    shares = priors.shares @ ((priors.disparities - 0.4).abs() < 0.1).double()
-    assert float(shares[0]) > 0.8  # half of what is in and around the block
-
-
 def test_planes_near_a_block_are_filtered_and_others_are_not():
     views = layered_views(0.4, 0.4, (48, 48))[0].float()
     aperture = torch.full(views.shape[:2], 1 / 49).double()

@@ -14,7 +14,6 @@ from lfref.refocus.footprint import RowFactors
 from lfref.refocus.sampling import BORDERS
 
 VIEWS = torch.zeros(2, 5, 5, 3, 8, 9)
-SLOPES = torch.tensor([-1.0, 0.5], dtype=torch.float64)
 WIDTHS = st.floats(0, 40)
 
 
@@ -58,11 +57,6 @@ def test_two_levels_make_the_response_of_the_widths_between():
         assert float(((error.square() * power).sum() / power.sum()).sqrt()) < 0.0016
 
 
-def test_a_box_is_as_wide_as_light_moves_within_a_cell():
-    widths = footprint.checked(0.5, -0.2, VIEWS).widths(SLOPES)
-    torch.testing.assert_close(widths.abs(), torch.tensor([0.4, 0.35], dtype=torch.float64))
-
-
 @pytest.mark.parametrize(
     ("fill", "disparity", "message"),
     [
@@ -80,9 +74,6 @@ def test_a_box_is_as_wide_as_light_moves_within_a_cell():
 def test_cells_that_cannot_be_are_refused(fill, disparity, message):
     with pytest.raises(InputError, match=message):
         footprint.checked(fill, disparity, VIEWS)
-
-
-SIZE = (11, 14)
 
 
 def slow_box(image, widths, border):
@@ -117,16 +108,6 @@ def test_equals_the_slow_reference(border, width):
     for image, result in zip(images, blurred, strict=True):
         slow = slow_box(image, torch.full((7, 9), width, dtype=torch.float64), border)
         torch.testing.assert_close(result, slow, atol=1e-12, rtol=0)
-
-
-def test_a_map_is_near_the_box_of_every_pixel_itself(plane):
-    texture = plane(0.0, 24, 30, (1, 1))[1][0]
-    widths = 5 * torch.rand(24, 30, dtype=torch.float64)
-    places = footprint.place(widths.square())[None]
-    blended = footprint.blended(texture[None, None], places, BORDERS["edge"])[0, 0]
-    error = blended - slow_box(texture, widths, "edge")
-    assert float(error.square().mean().sqrt()) < 0.004 * float(texture.std())
-    assert float(error.abs().max()) < 0.03 * float(texture.std())
 
 
 def test_uncovered_pixels_and_those_alone_have_no_inverse():
@@ -176,17 +157,3 @@ def test_maps_equal_eager(border, n_maps):
     expected = [footprint.blended(stack[:, n], places[:, n], BORDERS[border]) for n in range(3)]
     blended = footprint.blurred_numba(stack, places, BORDERS[border], None)
     torch.testing.assert_close(blended, torch.stack(expected, dim=1), atol=1e-12, rtol=0)
-
-
-def case():
-    widths = 3 * torch.rand(1, 2, *SIZE, dtype=torch.float64)
-    return torch.rand(2, 2, 3, *SIZE, dtype=torch.float64), widths
-
-
-def test_what_is_not_covered_stays_black():
-    stack, widths = case()
-    coverage = torch.ones(2, *SIZE, dtype=torch.float64)
-    coverage[..., :4] = 0
-    blurred = footprint.blurred(stack * coverage[:, None], widths, BORDERS["renormalize"], coverage)
-    assert not blurred[..., :4].any()
-    assert bool((blurred[..., 4:] > 0).all())

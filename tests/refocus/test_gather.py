@@ -45,16 +45,6 @@ def test_whole_positions_read_their_pixel_and_no_other(interpolation):
     torch.testing.assert_close(sample(spoilt, x, y, interpolation)[0], spoilt, atol=0, rtol=0, equal_nan=True)
 
 
-@pytest.mark.parametrize("interpolation", LOCAL)
-def test_no_position_is_too_far(interpolation):
-    image = torch.rand(4, 5, dtype=torch.float64)
-    x = doubles(1e300, -1e300, math.inf, -math.inf)
-    y = torch.full_like(x, 2)
-    assert torch.equal(sample(image, x, y, interpolation, "edge")[0], image[2, [4, 0, 4, 0]])
-    assert torch.equal(sample(image, x, y, interpolation, "zero")[0], torch.zeros_like(x))
-    assert not sample(image, x, y, interpolation)[1].any()
-
-
 @pytest.mark.parametrize("border", list(BORDERS))
 @pytest.mark.parametrize("interpolation", ["linear", "cubic"])
 def test_derivatives_by_images_and_positions_are_right_forwards_backwards_and_twice(interpolation, border):

@@ -47,12 +47,6 @@ def test_blocks_help_near_focus(name, gain):
     assert float((ours - everywhere)[SLOPES.index(0.4)]) > gain
 
 
-@pytest.mark.parametrize("grid", [(3, 3), (4, 3), (1, 5)])
-def test_a_constant_field_stays_constant(grid):
-    stack = occlusion_aware(torch.full((*grid, 3, 30, 31), 0.7), [-2.0, 0.0, 0.5])
-    torch.testing.assert_close(stack, torch.full_like(stack, 0.7), atol=1e-6, rtol=0)
-
-
 def test_parts_are_the_stack_and_what_it_is_made_of():
     views = scene("discs")[0]
     stack, everywhere = occlusion_aware_parts(views, SLOPES).split(3, 1)
@@ -99,9 +93,3 @@ def test_known_disparities_take_the_place_of_estimated_ones():
     # Where everything is far from focus, no block counts.
     far, everywhere = occlusion_aware_parts(views, [-3.4], disparities=torch.zeros_like(known)).split(3, 1)
     assert torch.equal(far, everywhere)
-
-
-@pytest.mark.parametrize("wrong", [torch.zeros(3, 4), torch.full((80, 96), torch.nan)])
-def test_disparities_of_other_views_are_refused(wrong):
-    with pytest.raises(InputError, match="disparities must be finite"):
-        occlusion_aware(scene("discs")[0], SLOPES, disparities=wrong)

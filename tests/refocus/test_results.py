@@ -19,7 +19,7 @@ from lfref.refocus.disparity.disparity_map import depth_order, disparity_map
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.fourier.super_resolution import in_focus, predicted_views, super_resolve
+from lfref.refocus.fourier.super_resolution import predicted_views, super_resolve
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.simulator import sim30
@@ -46,11 +46,6 @@ def wall() -> Tensor:
     return clean + 0.002 * torch.randn(clean.shape, generator=torch.Generator().manual_seed(2))
 
 
-def stack_of_focus() -> tuple[Tensor, Tensor, Tensor]:
-    result = all_in_focus(shift_and_sum(views(), torch.linspace(-2, 2, 9).double()))
-    return result.image, result.index, result.confidence
-
-
 def reduced() -> tuple[Tensor, ...]:
     small = slope_range.reduce_views(views())
     coarse = slope_range.disparity_of_reduced(small)
@@ -71,8 +66,8 @@ RESULTS = {
     "cells": lambda: (shift_and_sum_through_cells(views(), SLOPES),),
     "layers": lambda: (refocus_by_layers(views(), SLOPES),),
     "occlusion aware": lambda: (occlusion_aware(views(), SLOPES),),
-    "super resolution": lambda: (super_resolve(wall(), SLOPES[1:]), in_focus(views()[:4, :5], SLOPES)),
-    "all in focus": stack_of_focus,
+    "super resolution": lambda: (super_resolve(wall(), SLOPES[1:]),),
+    "all in focus": lambda: tuple(all_in_focus(shift_and_sum(views(), torch.linspace(-2, 2, 9).double()))),
     "extended focus": lambda: (extended_focus(views()),),
 }
 

@@ -130,13 +130,3 @@ def test_bad_arguments_are_refused(change, message):
     arguments = {"views": torch.rand(3, 3, 1, 10, 10), "slope_map": torch.zeros(10, 10)} | change
     with pytest.raises(InputError, match=message):
         per_pixel(**arguments)
-
-
-@pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
-def test_cells_are_those_of_shift_and_sum_on_a_level_map(border):
-    views, disparity = torch.rand(3, 4, 2, 12, 15).double(), torch.rand(12, 15)
-    options = {"border": border, "fill": 1.0, "disparity": disparity}
-    expected = shift_and_sum(views, [-0.7], **options)
-    level = torch.full((12, 15), -0.7, dtype=torch.float64)
-    torch.testing.assert_close(per_pixel(views, level, **options), expected, atol=1e-12, rtol=0)
-    torch.testing.assert_close(tilt_shift(views, -0.7, (0, 0), **options), expected, atol=1e-12, rtol=0)

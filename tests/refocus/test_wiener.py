@@ -7,13 +7,9 @@ import torch
 from torch.nn import functional as F
 
 from lfref.refocus import wiener as module
-from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.wiener import wiener
-from lfref.refocus.wiener_filters import Prior, opposites, prior_between, prior_of_map
-
-SLOPES = [-2.0, -0.4, 0.3]
-KNOWN = prior_between(-1.0, 0.5)
+from lfref.refocus.wiener_filters import Prior, opposites
 
 
 def only(disparity, unexplained=1e-4):
@@ -64,31 +60,6 @@ def test_what_is_out_of_focus_is_blurred_by_the_whole_aperture(grid, disparity, 
     error, points = (inner(x - expected, 24).square().mean() for x in (made, exact_fourier(views, [slope])[0]))
     assert float(error) < 1e-6
     assert error < points / 20
-
-
-def test_without_a_prior_each_light_field_has_the_disparities_of_its_own_map():
-    fields = torch.stack([plane_views(disparity, (3, 3), (48, 50)) for disparity in (-0.5, 0.4)]).float()
-    stacks = wiener(fields, SLOPES)
-    for field, stack in zip(fields, stacks, strict=True):
-        torch.testing.assert_close(stack, wiener(field, SLOPES, prior_of_map(coarse_disparity(field))))
-    # The disparities of the other light field give another picture.
-    other = wiener(fields[0], SLOPES, prior_of_map(coarse_disparity(fields[1])))
-    assert float((stacks[0] - other).abs().max()) > 1e-3
-
-
-def test_planes_at_the_border_are_no_farther_off_than_the_views_reach():
-    views = plane_views(0.2, (5, 5), (64, 66))
-    made = wiener(views, [0.2], only(0.2))[0]
-    error = (made - picture(torch.zeros(2, dtype=torch.float64), (64, 66))).abs()
-    assert float(error[:, 8:-8, 8:-8].max()) < 0.02
-    assert float(error.max()) < 0.3
-
-
-def test_noise_that_views_do_not_share_is_averaged_away():
-    noise = torch.randn(5, 5, 1, 64, 64, dtype=torch.float64)
-    quiet, loud = (wiener(noise, [0.2], only(0.2, unexplained)).std() for unexplained in (10.0, 1e-4))
-    assert quiet <= loud
-    assert loud < 1.2 / 5
 
 
 def test_folded_detail_is_told_apart_by_views_at_fractions_of_a_pixel():
@@ -144,31 +115,6 @@ def convolved(views, filters):
 def test_squares_of_any_side_make_the_convolution(side, grid, size):
     views = torch.randn(2, grid[0] * grid[1], 3, *size, dtype=torch.float64)
     filters = kernels(2, grid[0] * grid[1])
-    made = module._filtered(views, opposites(grid), factors(filters, grid, side), side, MARGIN, by_loop=False)
+    made = module._filtered(views, opposites(grid), factors(filters, grid, side), side, MARGIN)
     assert made.shape == (2, 2, 3, *size)
     torch.testing.assert_close(made, convolved(views, filters), atol=1e-11, rtol=0)
-
-
-@pytest.mark.parametrize("add", [module._by_loop, module._by_torch])
-def test_factors_of_differences_are_times_i(add):
-    spectra, weights = torch.randn(5, 3, 8, 5) * (1 + 1j), torch.randn(2, 5, 8, 5)
-    turns = torch.tensor([1, 1, 1, 1j, 1j])
-    expected = torch.einsum("p,npyx,pjyx->njyx", turns, weights + 0j, spectra)
-    table = torch.stack(list(map(module._lanes, weights))) if add is module._by_loop else weights
-    torch.testing.assert_close(add(spectra, table, 3), expected)
-
-
-@pytest.mark.parametrize("n_at_once", [1, 2**20])
-@pytest.mark.parametrize("grid", [(3, 3), (1, 4), (1, 1)])
-def test_spectra_are_those_of_views_mixed_with_their_opposites(monkeypatch, n_at_once, grid):
-    monkeypatch.setattr(module, "MIXED_AT_ONCE", n_at_once)
-    both, views = opposites(grid), torch.rand(2, grid[0] * grid[1], 3, 9, 30)
-    first = module._spectra(views, both, (-2, -3), 2, 8, 4)
-    padded = F.pad(views.flatten(0, 1), (3, 0, 2, 0), mode="replicate").unflatten(0, views.shape[:2])
-    expected = torch.fft.rfft2(torch.stack([padded[..., :8, x : x + 8] for x in (0, 4)], 3)).transpose(0, 1)
-    n_sums = len(both.first)
-    for p in range(both.n_pairs):
-        torch.testing.assert_close(first[p], expected[p] + expected[-1 - p])
-        torch.testing.assert_close(first[n_sums + p], expected[p] - expected[-1 - p])
-    if len(expected) % 2:
-        torch.testing.assert_close(first[both.n_pairs], expected[both.n_pairs])

@@ -109,21 +109,10 @@ def disparity_map(
 
 
 @torch.no_grad()
-def coarse_disparity(field: Tensor, first: float | None = None, last: float | None = None) -> Tensor:
-    """Disparity of each pixel of the central view, for refocusing.
+def coarse_disparity(field: Tensor) -> Tensor:
+    """Disparity of each pixel of the central view of a light field [V, U, C, H, W], for refocusing, [H, W].
 
     It differs from `disparity_map` around lights. Large views have one value in each square of two by two pixels.
-
-    Args:
-        field: Radiance, [V, U, C, H, W], floating point.
-        first: Least disparity to look for, in pixels per view step; None estimates it.
-        last: Largest disparity to look for, in pixels per view step; None estimates it.
-
-    Returns:
-        In pixels per view step, [H, W].
-
-    Raises:
-        InputError: Views or a range that cannot be used.
     """
     height, width = field.shape[-2:]
     scale, reduced = 1, field
@@ -131,9 +120,7 @@ def coarse_disparity(field: Tensor, first: float | None = None, last: float | No
         # Colours are averaged first: matching would do so later, of four times as many pixels.
         halves = F.avg_pool2d(field.mean(2), 2, ceil_mode=True, count_include_pad=False)
         scale, reduced = 2, halves[:, :, None]
-    if first is None or last is None:
-        low, high = estimate_range(reduced, batches.checked_weights(None, batches.grid_and_size(reduced)[0]))
-    low, high = (low if first is None else first / scale), (high if last is None else last / scale)
+    low, high = estimate_range(reduced, batches.checked_weights(None, batches.grid_and_size(reduced)[0]))
     disparity = scale * _with_lights(reduced, disparity_map(reduced, low, high).disparity, low, high)
     return disparity.repeat_interleave(scale, 0).repeat_interleave(scale, 1)[:height, :width]
 
@@ -158,18 +145,10 @@ def _with_lights(field: Tensor, disparity: Tensor, first: float, last: float) ->
 
 
 def estimate_range(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> tuple[float, float]:
-    """Least and largest disparity that a light field may hold, in pixels per view step.
+    """Least and largest disparity that a light field [V, U, C, H, W] may hold, in pixels per view step.
 
     Spectra know what is textured, however small; matching of reduced views knows large smooth surfaces that have next
     to no texture. The range is that of the spectra, widened by that of the reduced views.
-
-    Args:
-        views: Radiance, floating point, uint8 or uint16, [V, U, C, H, W].
-        aperture: Weight of each view, their sum 1, [V, U].
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-    Raises:
-        InputError: Views that are not finite.
     """
     # The outermost views can shift by a little less than half of their size.
     grid, size = batches.grid_and_size(views)
@@ -225,15 +204,10 @@ def depth_order(views: Tensor, disparity: Tensor, confidence: Tensor) -> int:
 
 @torch.no_grad()
 def order_score(views: Tensor, disparity: Tensor, confidence: Tensor) -> float:
-    """How clearly larger or smaller disparities are nearer, from the middle row and column of views.
+    """How clearly larger disparities (up to 1) or smaller ones (down to -1) are nearer; 0 where nothing hides anything.
 
-    Args:
-        views: Floating point, uint8 or uint16, [V, U, C, H, W].
-        disparity: Of each pixel of the central view, in pixels per view step, [H, W].
-        confidence: Of the disparity, [0, 1], [H, W].
-
-    Returns:
-        From -1 (all evidence is for smaller ones) to 1 (for larger ones); 0 where nothing clearly hides anything.
+    It takes a light field [V, U, C, H, W], of which the middle row and column of views are read, the disparity of the
+    central view and its confidence, [H, W] each.
     """
     sure = disparity[confidence > 0.4]
     if sure.numel() < FEWEST:

@@ -102,15 +102,9 @@ class _Sample(NamedTuple):
 
 
 def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energies:
-    """Evenly spaced layers over the range of disparities that a light field holds.
+    """At least `n_layers` evenly spaced layers over the range of disparities that a light field [V, U, C, H, W] holds.
 
-    Args:
-        views: Light field, [V, U, C, H, W].
-        n_layers: Number of layers, >= 1; more where they would lie farther apart than `SPACING`.
-        aperture: Weight of each view, their sum 1, [V, U].
-
-    Raises:
-        InputError: Views that are not finite.
+    They lie `SPACING` apart or less. The aperture is the weight of each view, their sum 1, [V, U].
     """
     sample = _sampled(views, aperture)
     low, high = _held(sample, views, wide_range(views.detach(), aperture))
@@ -121,16 +115,7 @@ def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energie
 
 
 def energy_range(views: Tensor, aperture: Tensor, known: DisparityRange | None) -> tuple[float, float]:
-    """Least and largest disparity at which the spectra of a light field hold light, in pixels per view step.
-
-    Args:
-        views: Light field, [V, U, C, H, W].
-        aperture: Weight of each view, their sum 1, [V, U].
-        known: Range of its disparities, if it is wide.
-
-    Raises:
-        InputError: Views that are not finite.
-    """
+    """Least and largest disparity at which the spectra of a light field hold light; `known`: its range, if wide."""
     return _held(_sampled(views, aperture), views, known)
 
 

@@ -14,7 +14,7 @@ refocusing finds at q, the Gram matrix G depends only on how far two q lie apart
 the penalty. S is the power of natural pictures, as in `wiener_filters`; q0 is the lowest q, which one view alone
 determines: it is free.
 
-From top to bottom: the two operators; the regression (`pictures`, `_solved`); the plane on the finer grid, and views
+From top to bottom: the operator; the regression (`pictures`, `_solved`); the plane on the finer grid, and views
 predicted by a picture; errors; transforms along one axis.
 Letters: `i` view, `v u` its row and column, `k` frequency in cycles per pixel of the views, `q` one of the fine
 picture, `r` factor, `s` slope, `K` rows of frequencies at a time.
@@ -69,7 +69,8 @@ def super_resolve(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tenso
         >>> lfref.super_resolve(torch.rand(5, 5, 3, 48, 64), [0.3], factor=2).shape
         torch.Size([1, 3, 96, 128])
     """
-    check_factor(factor)
+    if not (isinstance(factor, int) and factor >= 1):
+        raise InputError("factor must be a whole number of at least 1", got=repr(factor))
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
@@ -87,36 +88,6 @@ def super_resolve(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tenso
         share = ((UNSURE - of_fine / of_plane) / (UNSURE - SURE)).clamp(0, 1)
         blends.append(torch.lerp(plane, fine, F.interpolate(share, scale_factor=factor, mode="bilinear")))
     return batches.restored(torch.stack(blends, 1), views)
-
-
-def in_focus(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tensor | None = None) -> Tensor:
-    """The finer picture at each slope as if all the scene lay there; linear, the views taken as periodic.
-
-    Args:
-        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
-        slopes: Focus in pixels per view step, [N].
-        factor: Fine pixels per pixel along each axis, r, >= 1.
-        weights: How much each view counts, >= 0, [V, U]; None counts all alike.
-
-    Returns:
-        Stacks in the order of the slopes, type (float32 for integers) and device of the views, fine pixel X at
-        x = (X + 1/2) / r - 1/2 [..., N, C, r H, r W]. What is out of focus has false detail.
-
-    Raises:
-        InputError: Views, slopes, factor or weights that cannot be used.
-    """
-    check_factor(factor)
-    batch = batches.flattened(views)
-    grid, size = batches.grid_and_size(batch)
-    planes = geometry.checked_slopes(slopes, grid, size)
-    stack = list(pictures(batch, planes, factor, batches.checked_weights(weights, grid)))
-    return batches.restored(torch.stack(stack, 1), views)
-
-
-def check_factor(factor: int) -> None:
-    """Raise an InputError unless the factor is a whole number of fine pixels."""
-    if not (isinstance(factor, int) and factor >= 1):
-        raise InputError("factor must be a whole number of at least 1", got=repr(factor))
 
 
 def pictures(views: Tensor, slopes: Tensor, factor: int, aperture: Tensor) -> Iterator[Tensor]:

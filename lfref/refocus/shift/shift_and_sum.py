@@ -73,7 +73,7 @@ def shift_and_sum(
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, cell = batches.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
-    widths = None if cell.varies(planes) else cell.widths(planes).abs().tolist()
+    widths = None if cell.varies else cell.widths(planes).abs().tolist()
     plan = shift_plan.plan(planes, grid, size, interpolation, border, weights, widths, positions)
     stack = planned_stack(batch, plan)
     if widths is None and cell.fill > 0:
@@ -136,16 +136,10 @@ BEYOND = 1.5
 
 @torch.no_grad()
 def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> DisparityRange:
-    """Estimate the disparities of one light field in a small part of the time that refocusing takes.
+    """Estimate the disparities of one light field [V, U, C, H, W] in a small part of the time that refocusing takes.
 
-    Args:
-        views: Floating point, uint8 or uint16, [V, U, C, H, W].
-        weights: Weight of each view; views of weight 0 are not read, [V, U]; None reads all.
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-    Returns:
-        The range, weighted by the energy of gradients: one part in 25 is below it, one above. All is 0 where nothing
-        is known (flat views, a single view, samples that are not finite).
+    The range is weighted by the energy of gradients: one part in 25 is below it, one above. All is 0 where nothing is
+    known (flat views, a single view, samples that are not finite). Views of weight 0 [V, U] are not read.
     """
     lines, factor = _reduced_lines(views, weights, positions)
     searched = scene_range(views, weights, positions) if _move_far(lines) else None
@@ -197,12 +191,10 @@ def middlemost(counts: Tensor) -> int:
 
 
 def _range_of_lines(lines: Sequence[tuple[Tensor, Tensor]], factor: int, window: int) -> DisparityRange:
-    """Range of disparities of lines of views in pixels of these views, all 0 where they are flat.
+    """Range of disparities of lines of views in their pixels, all 0 where they are flat.
 
-    Args:
-        lines: Pictures [n, h, w] and camera positions (v, u) [n, 2] of each line.
-        factor: By which the pictures are reduced first.
-        window: Side of the window that shares one disparity, in reduced pixels.
+    Pictures [n, h, w] of each line, with camera positions (v, u) [n, 2], are reduced by a factor first; a square of
+    `window` reduced pixels shares one disparity.
     """
     moments = sum((_moments(F.avg_pool2d(light[None], factor)[0], steps) for light, steps in lines), torch.zeros(()))
     flat = 1e-12  # energy of the gradients of flat views: rounding of float32

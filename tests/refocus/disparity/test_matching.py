@@ -31,13 +31,6 @@ def test_a_path_costs_what_the_cheapest_of_all_paths_costs(direction):
     np.testing.assert_allclose(costs_here - costs_here.min(), cheapest - cheapest.min(), atol=1e-5)
 
 
-def test_pixels_without_texture_take_the_label_around_them():
-    costs = torch.full((5, 20, 24), 0.5)
-    costs[2] = 0.1
-    costs[:, 8:12, 9:15] = 0.3  # no label is better here
-    assert bool((matching.aggregate(costs, torch.full((20, 24), 0.4)).argmin(0) == 2).all())
-
-
 def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
     costs = torch.full((7, 24, 24), 0.6)
     costs[1, :, :12], costs[5, :, 12:] = 0.1, 0.1
@@ -71,13 +64,6 @@ def test_a_plane_comes_back_to_thousandths_borders_included(disparity, off):
     error = (refined(plane(disparity), torch.full((48, 56), disparity + off)) - disparity).abs()
     assert float(error.median()) < 2e-3
     assert float(error.quantile(0.98)) < 0.03
-
-
-def test_views_that_a_surface_hides_do_not_pull():
-    views = plane(0.3, (7, 7))
-    views[:, 5:] = 0.9
-    error = (refined(views, torch.full((48, 56), 0.34)) - 0.3).abs()
-    assert float(error.median()) < 2e-3
 
 
 def test_flat_views_keep_their_disparity():
@@ -118,13 +104,3 @@ def test_enough_rounds_solve_the_equations(size, monkeypatch):
     monkeypatch.setattr(matching, "ROUNDS", 2000)
     maps = torch.rand(4, *size, dtype=torch.float64)
     torch.testing.assert_close(matching.relax(*maps), dense(*maps), atol=1e-6, rtol=0)
-
-
-def test_edges_fill_what_is_between_and_nothing_passes_without_ties():
-    target, trust, ties = torch.rand(20, 20), torch.zeros(20, 20), torch.full((20, 20), 1.0)
-    target[:, 0] = target[:, -1] = target[0] = target[-1] = 0.7
-    trust[:, 0] = trust[:, -1] = trust[0] = trust[-1] = 1e6
-    before = (target - 0.7).abs().mean()
-    assert float((matching.relax(target, trust, ties, ties) - 0.7).abs().mean()) < 0.3 * before
-    none = torch.zeros(20, 20)
-    torch.testing.assert_close(matching.relax(target, none, none, none), target.double())

@@ -54,12 +54,6 @@ def test_any_viewpoint_can_be_seen(scene):
     torch.testing.assert_close(layers.view(1.3, 5.5), between, atol=1e-4, rtol=0)
 
 
-def test_gradients_are_right():
-    views = torch.rand(2, 2, 1, 4, 5, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda x: disparity_layers(x, [0.0, 0.4]).refocus([0.2]), views)
-    assert torch.autograd.gradcheck(lambda x: disparity_layers(x, [0.0, 0.4]).view(0.3, 1), views)
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -117,13 +111,6 @@ def test_estimated_disparities_do_nearly_as_well_as_the_true_ones():
     assert (estimated - truth).square().mean() < (points - truth).square().mean() / 30
 
 
-def test_each_light_field_of_a_batch_has_layers_of_its_own():
-    views = torch.stack([planes(-1.0), planes(0.75)])
-    stacks = refocus_by_layers(views, SLOPES)
-    for stack, field in zip(stacks, views, strict=True):
-        torch.testing.assert_close(stack, refocus_by_layers(field, SLOPES), atol=1e-12, rtol=0)
-
-
 def test_opposite_borders_do_not_mix():
     views = torch.zeros(5, 5, 1, 24, 30)
     views[..., :4] = 1
@@ -155,39 +142,12 @@ def test_wide_ranges_are_found_and_their_layers_lie_close():
     assert float(made.disparities.diff().max()) * 2 <= module.SPACING  # the outermost views are two steps away
 
 
-def test_views_of_weight_0_are_not_read():
-    views, weights = layered(0.5), torch.ones(5, 5)
-    weights[0, 0] = 0
-    spoilt = views.clone()
-    spoilt[0, 0] = torch.nan
-    aperture = batches.checked_weights(weights, (5, 5))
-    clean, dirty = estimate_energies(views, 5, aperture), estimate_energies(spoilt, 5, aperture)
-    assert torch.equal(clean.disparities, dirty.disparities)
-    assert torch.equal(clean.shares, dirty.shares)
-    assert clean.noise == dirty.noise
-
-
 @pytest.mark.parametrize("deviation", [0.01, 0.05])
 def test_noise_is_what_layers_leave_at_quiet_frequencies(deviation):
     views = layered(-1.25, 0.5)
     noisy = views + deviation * torch.randn(views.shape, generator=torch.Generator().manual_seed(2))
     assert estimate_energies(views, 9, FULL).noise < 0.1 * deviation**2
     assert estimate_energies(noisy, 9, FULL).noise == pytest.approx(deviation**2, rel=0.15)
-
-
-@pytest.mark.parametrize("level", [0.0, 0.5])
-def test_flat_views_have_some_layers_all_the_same(level):
-    disparities, shares, noise = estimate_energies(torch.full((5, 5, 3, 16, 18), level), 4, FULL)
-    assert bool(disparities.isfinite().all())
-    assert bool((shares > 0).all())
-    assert 0 <= noise < 1e-9
-
-
-@pytest.mark.parametrize("shape", [(1, 1, 1, 1, 1), (1, 3, 1, 4, 5), (5, 5, 1, 6, 6)])
-def test_small_fields_have_layers_that_they_can_be_shifted_by(shape):
-    aperture = batches.checked_weights(None, shape[:2])
-    disparities = estimate_energies(torch.rand(shape), 3, aperture).disparities
-    assert bool(disparities.isfinite().all())
 
 
 def over(reach):

@@ -61,14 +61,3 @@ def test_given_slopes_must_be_even():
         at_slopes(views, [-0.4, 0.3, 0.8])
     with pytest.raises(InputError, match="at least one"):
         at_slopes(views, [])
-
-
-@pytest.mark.parametrize("disparity", [0.3, torch.rand(16, 18)])
-def test_cells_are_those_of_exact_refocusing(disparity):
-    views, slopes, options = (
-        torch.rand(3, 4, 2, 16, 18).double(),
-        [-1.2, -0.4, 0.4],
-        {"fill": 1.0, "disparity": disparity},
-    )
-    stack = at_slopes(views, slopes, **options)
-    torch.testing.assert_close(stack, exact_fourier(views, slopes, **options), atol=1e-12, rtol=0)

@@ -86,13 +86,6 @@ def test_products_and_solutions_are_those_of_the_matrices_written_out(dtype):
     torch.testing.assert_close(again, numbers, atol=1e-12, rtol=0)
 
 
-def test_compiled_loops_and_pytorch_agree():
-    matrices, numbers, diagonal = definite(5, torch.float64), spectra(5), torch.full((5,), 30.0, dtype=torch.float64)
-    differentiable = numbers.clone().requires_grad_()
-    for step in (layer_mixing.multiply, lambda *arguments: layer_mixing.solve(*arguments, diagonal)):
-        torch.testing.assert_close(step(differentiable, matrices).detach(), step(numbers, matrices), atol=1e-13, rtol=0)
-
-
 @pytest.mark.parametrize("reach", [0.0, 3.2, 40.0])
 def test_edge_frames_have_room_for_the_reach_at_every_side_and_repeat_the_outermost_pixels(reach):
     frame, pictures = layer_mixing.make_frame("edge", (5, 8), reach), torch.rand(2, 3, 5, 8)
