@@ -15,7 +15,7 @@ COPY constraints.txt ./
 # The largest layer first: it changes only with the pins. A local version (2.13.0+cpu) wins over the plain one.
 RUN pip install --extra-index-url "$TORCH_INDEX" --constraint constraints.txt torch
 COPY pyproject.toml README.md LICENSE ./
-COPY docs/index_page.py docs/
+COPY site/index_page.py site/
 COPY lfref lfref
 COPY conf conf
 COPY sweeps sweeps

@@ -62,37 +62,36 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
-	$(BIN)/python docs/scale.py
-	$(BIN)/python docs/busy.py
-	$(BIN)/python docs/browsing.py
-	$(BIN)/python docs/training_speed.py
-	$(BIN)/python docs/paper_speed.py
-	$(BIN)/python docs/living.py --film
-	$(BIN)/python docs/measure.py
-	$(BIN)/python docs/pictures.py
+	$(BIN)/python benchmarks/scale.py
+	$(BIN)/python benchmarks/browsing.py
+	$(BIN)/python benchmarks/training_speed.py
+	$(BIN)/python benchmarks/paper_speed.py
+	$(BIN)/python benchmarks/living.py --film
+	$(BIN)/python benchmarks/measure.py
+	$(BIN)/python benchmarks/pictures.py
 
 paper: install
-	$(BIN)/python docs/paper.py
-	$(BIN)/python docs/paper_speed.py
+	$(BIN)/python benchmarks/paper.py
+	$(BIN)/python benchmarks/paper_speed.py
 
 ablations: install
-	$(BIN)/python docs/ablations.py
+	$(BIN)/python benchmarks/ablations.py
 
 # What needs a GPU, ten minutes at a time: make gpu MINUTES=30. Goes on where it was stopped.
 gpu: install
-	$(BIN)/python docs/gpu.py --minutes $(or $(MINUTES),10)
+	$(BIN)/python benchmarks/gpu.py --minutes $(or $(MINUTES),10)
 
 # The networks that ship, from nothing, in hours. The same words go on where they were interrupted.
 weights: install
 	$(BIN)/lfref train experiment=refiner resume=auto output="$(WEIGHTS)/run"
-	$(BIN)/python docs/weights.py learned "$(WEIGHTS)/run"
+	$(BIN)/python benchmarks/weights.py learned "$(WEIGHTS)/run"
 	for label in shift_and_sum fourier_slice rendered; do \
 		$(BIN)/lfref train experiment=refnet label=$$label resume=auto output="$(WEIGHTS)/$$label" || exit 1; done
-	$(BIN)/python docs/weights.py refnet "$(WEIGHTS)/shift_and_sum"
+	$(BIN)/python benchmarks/weights.py refnet "$(WEIGHTS)/shift_and_sum"
 
 lint: install
-	$(BIN)/ruff check lfref tests docs/*.py
-	$(BIN)/ruff format --check lfref tests docs/*.py
+	$(BIN)/ruff check lfref tests benchmarks/*.py site/*.py
+	$(BIN)/ruff format --check lfref tests benchmarks/*.py site/*.py
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

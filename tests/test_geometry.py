@@ -160,11 +160,6 @@ def test_planes_come_back_from_plain_containers(planes):
     assert (again, again.convention) == (planes, planes.convention)
 
 
-def test_planes_of_older_checkpoints_are_read():
-    planes = planes_from({"alphas": PAPER, "convention": "parallel"})
-    assert (planes, planes.convention) == (planes_at_alphas(PAPER, "parallel"), "parallel")
-
-
 @pytest.mark.parametrize("plain", [{}, {"slopes": []}, {"alphas": [-1.0]}, {"slopes": [0.5], "convention": "Ng"}])
 def test_containers_that_describe_no_planes_are_refused(plain):
     with pytest.raises(InputError):

@@ -19,7 +19,7 @@ import lfref
 from tests.conftest import ROOT
 from tests.test_docs import PAGES
 
-HOOKS = ROOT / "docs" / "website.py"
+HOOKS = ROOT / "site" / "website.py"
 
 
 @pytest.fixture(scope="module")

@@ -21,9 +21,10 @@ from lfref.cli.steps import fixed_planes
 from lfref.errors import counted
 from lfref.io import atomic
 from lfref.io.run import CHECKPOINTS, METRICS, TRAINING, Run
+from lfref.nets.refiner import Refiner
 from lfref.refocuser.networks import SHIPPED
 from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement, TrainingRecord
-from lfref.train.modules import Fitting
+from lfref.train.modules import Fitting, Refining, Refocusing
 from lfref.train.signals import StopOnSigterm
 
 PARALLEL_LAUNCHERS = (
@@ -87,10 +88,15 @@ def _checkpoint(config: DictConfig, own: Run) -> Path | None:
 
 def build_module(config: DictConfig, data: LightningDataModule) -> Fitting:
     """The module that trains the configured network, with the weights that it starts from."""
-    options: dict[str, Any] = {}
-    if "planes" in config.task:
-        options = {"planes": fixed_planes(config), "is_linear": getattr(data, "is_linear", True)}
-    module: Fitting = configs.build(config.task, **options)
+    net, loss, optimizer, scheduler, metrics = (
+        configs.build(config[name]) for name in ("net", "loss", "optimizer", "scheduler", "metrics")
+    )
+    module: Fitting
+    if isinstance(net, Refiner):
+        module = Refining(net, loss, configs.build(config.data.recipe), optimizer, scheduler, metrics)
+    else:
+        planes, is_linear = fixed_planes(config), getattr(data, "is_linear", True)
+        module = Refocusing(net, loss, planes, optimizer, scheduler, config.end_rate, is_linear, metrics)
     if config.start is not None:
         path = Path(config.start)
         start = SHIPPED.get(config.start) or (Run.of(path).best if path.is_dir() else path)

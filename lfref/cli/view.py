@@ -25,7 +25,7 @@ from lfref.viewer import view_page
 def view(config: DictConfig, folder: Path) -> None:
     """Write a page for each light field; several get a result folder each, and a gallery of the pages."""
     device, exposure = device_of(config.device), steps.exposure(config)
-    aperture, quality = configs.build(config.aperture), configs.build(config.views)
+    aperture, quality = configs.build(config.aperture), configs.build(config.page_quality)
     refocusers = [refocuser.to(device) for refocuser in _refocusers(config, aperture)]
     configured_planes: Planes = configs.build(config.planes)
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))

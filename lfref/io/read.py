@@ -137,7 +137,8 @@ def find(path: str | Path) -> list[Path]:
     path = Path(path)
     if is_field(path):
         return [path]
-    fields = sorted(child for child in path.iterdir() if is_field(child)) if path.is_dir() else []
+    children = sorted(path.iterdir()) if path.is_dir() else []
+    fields = [child for child in children if not child.stem.endswith(view_folders.BESIDE) and is_field(child)]
     if not fields:
         got, remedy = "none" if path.exists() else "no such file or folder", "check the path"
         raise FileError(f"{path} must hold light fields: {TITLES}", got=got, remedy=remedy)

@@ -10,7 +10,7 @@ import torch
 from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 from torch.optim import Optimizer
-from torch.optim.lr_scheduler import CosineAnnealingLR, CyclicLR, LambdaLR, LRScheduler, OneCycleLR
+from torch.optim.lr_scheduler import CyclicLR, LambdaLR, LRScheduler, OneCycleLR
 from torchmetrics import Metric
 
 from lfref.data.crops import Batch
@@ -156,9 +156,6 @@ class Fitting(LightningModule, abc.ABC):
             schedule = self.scheduler(optimizer) if self.scheduler else None
         except (TypeError, ValueError, ZeroDivisionError) as error:
             raise InputError("optimizer and scheduler must have settings that fit them", got=error) from error
-        if isinstance(schedule, CosineAnnealingLR) and schedule.T_max < 1:  # it would jump between the rate and 0
-            remedy = "set trainer.max_epochs, or take scheduler=warmup_cosine, which counts steps"
-            raise InputError("scheduler=cosine needs at least one epoch", got=f"T_max={schedule.T_max}", remedy=remedy)
         return optimizer, schedule
 
 

@@ -69,9 +69,9 @@ class ViewQuality:
 
     def __post_init__(self) -> None:
         if not _is_positive(self.most_pixels):
-            raise InputError("views.most_pixels must be a number above 0", got=repr(self.most_pixels))
+            raise InputError("page_quality.most_pixels must be a number above 0", got=repr(self.most_pixels))
         if self.least_db is not None and not _is_positive(self.least_db):
-            raise InputError("views.least_db must be a number above 0, in dB, or null", got=repr(self.least_db))
+            raise InputError("page_quality.least_db must be a number above 0, in dB, or null", got=repr(self.least_db))
 
 
 def _is_positive(value: object) -> bool:

@@ -21,7 +21,7 @@ from lfref.train.modules import Refining, Refocusing
 from tests.cli.conftest import TINY, TINY_DATA
 from tests.conftest import ROOT
 
-sys.path.append(str(ROOT / "docs"))
+sys.path.append(str(ROOT / "benchmarks"))
 ablations, experiments, gpu, paper, training = (
     importlib.import_module(name) for name in ("ablations", "experiments", "gpu", "paper", "training")
 )
@@ -82,7 +82,11 @@ def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, expe
 
 
 def test_a_refiner_passes_a_fast_dev_run(composed, tmp_path, monkeypatch):
-    small = ("method@recipe.base=shift_and_sum", "recipe.scenes.camera.size=[40,40]", "recipe.grids=[[3,3]]")
+    small = (
+        "method@data.recipe.base=shift_and_sum",
+        "data.recipe.scenes.camera.size=[40,40]",
+        "data.recipe.grids=[[3,3]]",
+    )
     data = (
         f"data.cache_folder={tmp_path}/cache",
         "data.n_fields=2",
@@ -132,14 +136,6 @@ def test_every_training_of_the_ablations_has_a_setup_of_its_own_seed_by_seed():
     other = next(ablations.members(1, ["trainer.max_steps=3"]))
     assert (other.variant, other.seed) == (members[0].variant, members[0].seed)
     assert other.setup != members[0].setup
-
-
-def test_experiments_of_the_paper_make_its_choices(composed):
-    for name in ("paper_shift_and_sum", "paper_fourier_slice"):
-        config = composed("train", f"experiment={name}")
-        net = config.net
-        assert (net.initialization, net.dilation, net.padding, config.task.end_rate) == ("random", 1, "zeros", 1)
-        assert (net.n_blocks, net.activation, net.normalization) == (11, "softplus", "instance")
 
 
 @pytest.mark.parametrize("size", [gpu.FULL, gpu.TRIAL], ids=["full", "trial"])
@@ -266,3 +262,10 @@ def test_what_is_trained_is_kept_and_what_failed_is_told(tmp_path):
     assert last.stat().st_mtime_ns == made
     with pytest.raises(SystemExit, match="activation must be one of"):
         training.train(tmp_path / "other", [*words, "net.activation=magic"])
+
+
+def test_the_papers_experiment_makes_its_choices(composed):
+    config = composed("train", "experiment=paper", "label=fourier_slice")
+    net = config.net
+    assert (net.initialization, net.dilation, net.padding, config.end_rate) == ("random", 1, "zeros", 1)
+    assert (net.n_blocks, net.activation, net.normalization) == (11, "softplus", "instance")

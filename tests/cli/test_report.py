@@ -1,10 +1,7 @@
 """`lfref report` shows what it can, says what it cannot, and refuses what is no run."""
 
 import pytest
-from hydra import initialize_config_dir
 
-from lfref.cli import config as configs
-from lfref.cli import report
 from lfref.io.run import Run
 from lfref.report import drawing, tables
 from tests.cli.conftest import TINY
@@ -79,32 +76,3 @@ def test_a_sweep_of_the_command_line_becomes_a_table_beside_its_default(lfref, t
     page = (tmp_path / "page" / "index.html").read_text("utf-8")
     assert page.count("failed: optimizer and scheduler must have settings that fit them") == 4
     assert "Reference: softplus (the default values)." in page
-
-
-@pytest.mark.parametrize(
-    ("overrides", "value"),
-    [
-        ([], "softplus"),
-        (["experiment=refiner"], "silu"),
-        (["net=refnet_small", "net.activation=gelu", "metrics.x=1"], "gelu"),
-        (["net.no_such_key=1", "experiment=no_such_file"], None),
-        (["experiment=../evil", "net.activation=${oc.env:HOME}", "hydra.run.dir=x"], "softplus"),
-    ],
-)
-def test_default_values_are_those_of_the_command_with_the_shared_overrides(overrides, value):
-    with initialize_config_dir(str(configs.directory()), version_base="1.3"):
-        assert report.defaults(overrides).get("net.activation") == value
-
-
-def test_a_reference_that_is_no_row_is_said(lfref, tmp_path):
-    for number, kind in enumerate(("text", "sibling")):
-        folder = tmp_path / "sweep" / str(number)
-        tables.write_table(folder / "log" / "metrics.csv", [{"step": 1, "val/mpsnr": 20.0 + number}])
-        (folder / "overrides.yaml").write_text(f"[net.style={kind}, net.n_blocks={number}]")
-        (folder / "training.json").write_text('{"is_finished": true}')
-    words = (f"runs=[{tmp_path}/sweep]", f"output={tmp_path}/page")
-    status, errors = lfref("report", *words, "reference=[text,1]")
-    assert status == 1
-    assert "must be the values of a row (net.style, net.n_blocks), one of text, 0; sibling, 1; got text, 1" in errors
-    assert lfref("report", *words, "reference=[sibling,1]")[0] == 0
-    assert tables.read_table(tmp_path / "page" / "sweep.csv")["is_reference"].tolist() == ["False", "True"]

@@ -19,7 +19,8 @@ from tests.viewer import cases
 WORDS = (
     "view",
     "slopes=[-0.5,0,1]",
-    "method@methods.first=shift_and_sum_cubic",
+    "method@methods.first=shift_and_sum",
+    "methods.first.operator.interpolation=cubic",
     "method@methods.second=shift_and_sum",
     "correct=none",
 )
@@ -44,7 +45,7 @@ def test_a_light_field_becomes_a_page(lfref, field, tmp_path):
     assert status == 0, errors
     text, made = held(tmp_path / "run")
     assert "<title>A wall</title>" in text
-    assert [method["name"] for method in made["methods"]] == ["shift_and_sum_cubic", "shift_and_sum"]
+    assert [method["name"] for method in made["methods"]] == ["shift_and_sum", "shift_and_sum (2)"]
     assert made["slopes"] == [-0.5, 0, 1]
     assert made["size"] == [96, 128]
     assert not re.search(r"(src|href)=.?https?:", text)
@@ -59,7 +60,7 @@ def test_the_truth_is_shown_beside_the_methods(lfref, field, tmp_path):
     assert made["slopes"] == [-1, 1]
     assert made["methods"][-1]["name"] == "truth"
     (tmp_path / "truths").mkdir()
-    (tmp_path / "truth.exr").rename(tmp_path / "truths" / "field.exr")
+    (tmp_path / "truth.exr").rename(tmp_path / "truths" / "field_truth.exr")
     status, errors = lfref("view", field, f"truth={tmp_path}/truths", WORDS[2], f"output={tmp_path}/folder")
     assert status == 0, errors
     assert held(tmp_path / "folder")[1]["methods"][-1] == made["methods"][-1]
@@ -120,7 +121,8 @@ def test_a_file_for_sharing_of_a_lytro_camera_becomes_a_page_of_its_pictures(lfr
 @pytest.mark.parametrize("aperture", ["full", "disc", "picture"])
 def test_the_page_begins_with_the_aperture_of_the_methods(lfref, field, tmp_path, aperture):
     images.write_image(tmp_path / "half.png", np.repeat([[1.0], [0.0]], 2, 1)[..., None])
-    words = [f"aperture={aperture}", *([f"aperture.path={tmp_path}/half.png"] if aperture == "picture" else [])]
+    own = ("aperture._target_=lfref.refocus.apertures.picture", f"+aperture.path={tmp_path}/half.png")
+    words = own if aperture == "picture" else (f"aperture={aperture}",)
     status, errors = lfref(*WORDS[:3], WORDS[4], *words, field, f"output={tmp_path}/run")
     assert status == 0, errors
     content = held(tmp_path / "run")[1]
@@ -137,7 +139,7 @@ def test_the_page_begins_with_the_aperture_of_the_methods(lfref, field, tmp_path
 
 def test_exact_views_are_without_loss_and_beside_a_large_page(lfref, field, tmp_path, monkeypatch):
     monkeypatch.setattr(view_page, "MOST_BYTES", 100_000)
-    status, errors = lfref(*WORDS, "views=exact", field, f"output={tmp_path}/run")
+    status, errors = lfref(*WORDS, "page_quality.least_db=null", field, f"output={tmp_path}/run")
     assert status == 0, errors
     _, made = held(tmp_path / "run")
     assert made["views"]["reference"] is None
@@ -147,4 +149,3 @@ def test_exact_views_are_without_loss_and_beside_a_large_page(lfref, field, tmp_
     monkeypatch.setattr(view_page, "MOST_BYTES", 30_000_000)
     status, errors = lfref(*WORDS, field, f"output={tmp_path}/run", "overwrite=true")
     assert status == 0, errors
-    assert not list((tmp_path / "run").glob("index_pictures/*")), "a page that holds its pictures has no folder"

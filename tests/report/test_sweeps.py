@@ -27,7 +27,7 @@ def write_job(folder, activation, seed, best, finished=True, blocks=11):
     tables.write_table(folder / "log" / "metrics.csv", rows)
     net = {"activation": activation, "n_blocks": blocks}
     # A configuration holds the network twice: by itself, and where the task refers to it.
-    config = {"task": {"net": net}, "net": net, "seed": seed, "output": str(folder)}
+    config = {"net": net, "seed": seed, "output": str(folder)}
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
     record = {"n_parameters": 1000, "seconds": 60.0 + 30 * seed, "device": "cpu", "is_finished": finished}
     (folder / "training.json").write_text(json.dumps(record))

@@ -11,7 +11,7 @@ from tests.conftest import ROOT
 from tests.simulator.drawing import psnr
 
 pytest.importorskip("mitsuba", reason="the extra `mitsuba` is not installed, or has no wheel for this machine")
-sys.path.append(str(ROOT / "docs"))
+sys.path.append(str(ROOT / "benchmarks"))
 mitsuba_scenes = importlib.import_module("mitsuba_scenes")
 SCENES, SLOPES, VIEWS = mitsuba_scenes.SCENES, mitsuba_scenes.SLOPES, mitsuba_scenes.VIEWS
 MitsubaScene, apart_from_edges = mitsuba_scenes.MitsubaScene, mitsuba_scenes.apart_from_edges

@@ -3,7 +3,7 @@ import functools
 
 import pytest
 import torch
-from torch.optim.lr_scheduler import CosineAnnealingLR, OneCycleLR
+from torch.optim.lr_scheduler import OneCycleLR
 from torchmetrics.image import PeakSignalNoiseRatio
 
 from lfref.errors import InputError
@@ -62,12 +62,6 @@ class TestFit:
         module.scheduler = functools.partial(WarmupCosine, **schedule)
         with pytest.raises(InputError, match=r"settings that fit them; got WarmupCosine needs total_steps >= 1"):
             trainer(max_epochs=1).fit(module, datamodule=data)
-
-    def test_a_cosine_without_a_last_epoch_is_refused(self, module, data, trainer):
-        cosine = functools.partial(CosineAnnealingLR, T_max=-1)
-        endless = Refocusing(module.net, CompositeLoss(), module.planes, module.optimizer, cosine)
-        with pytest.raises(InputError, match=r"scheduler=cosine needs at least one epoch; got T_max=-1"):
-            trainer(max_steps=8, max_epochs=-1).fit(endless, datamodule=data)
 
     def test_every_term_and_their_weighted_sum_are_logged(self, module, data, trainer):
         fit = trainer(max_epochs=1, log_every_n_steps=1)

@@ -9,7 +9,7 @@ from lfref.refocus.disparity.disparity_map import disparity_map
 from tests.conftest import ROOT
 
 pytest.importorskip("mitsuba", reason="the extra mitsuba is not installed")
-sys.path.append(str(ROOT / "docs"))
+sys.path.append(str(ROOT / "benchmarks"))
 traced = importlib.import_module("traced")
 SIZE = (96, 128)
 """Half as large as the scenes of the table, so that a view step is half as many pixels."""

@@ -1,0 +1,241 @@
+"""Ablations of a small RefNet that works: one training a row, evaluated by its labels and by the truth on sim30.
+
+Results go into `docs/ablations.csv` after each training. `make ablations` trains what is missing there, so that the
+experiment goes on where it was stopped, on any machine. A row counts while its setup, read from the configuration, and
+sim30 are the same. With `--runs` elsewhere nothing is written into the pages.
+"""
+
+import argparse
+import functools
+import hashlib
+import itertools
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import experiments
+import markers
+import pandas as pd
+import torch
+import training
+from experiments import CLASSICAL, PLANES
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig, OmegaConf
+from rich.progress import track
+
+from lfref.bench.accuracy import RIVAL
+from lfref.bench.evaluation import TRUTH, EvaluationCase
+from lfref.cli import config as configs
+from lfref.io.run import Run
+from lfref.refocuser.load import load
+from lfref.refocuser.refocuser import Refocuser
+from lfref.report import tables
+from lfref.report.sweeps import t_interval
+from lfref.simulator import sim30
+
+RUNS = markers.ROOT / "runs" / "ablations"
+RESULTS = markers.ROOT / "docs" / "ablations.csv"
+SETUP = ("experiment=paper_small",)
+LABEL = "shift_and_sum"
+METHODS = (RIVAL, LABEL)
+"""Rows above the trainings."""
+N_SEEDS = 3
+SMALL = OmegaConf.load(configs.directory() / "net" / "refnet_small.yaml")
+DECISIVE = "net", "loss", "planes", "optimizer", "scheduler", "end_rate", "data"
+"""Parts of the configuration by which a setup is known."""
+BASE, LINEAR, RANDOM = "base", "net.initialization=linear", "net.initialization=random"
+VARIANTS: dict[str, tuple[str, ...]] = {
+    BASE: (),
+    "relu": ("net.activation=relu",),
+    "gelu": ("net.activation=gelu",),
+    "no normalisation": ("net.normalization=none",),
+    "layer normalisation": ("net.normalization=layer",),
+    "beta 0: no SSIM": ("loss.weights.beta=0",),
+    "beta 1: no L1": ("loss.weights.beta=1",),
+    "gamma 0: no 1/PSNR": ("loss.weights.gamma=0",),
+    "2 blocks": ("net.n_blocks=2",),
+    "6 blocks": ("net.n_blocks=6",),
+    "shuffle 1, the same reach": ("net.shuffle=1", f"net.dilation={[SMALL.shuffle * each for each in SMALL.dilation]}"),
+    "dilation 1": ("net.dilation=1",),
+    "dilations reversed": (f"net.dilation={list(SMALL.dilation)[::-1]}",),
+    "stem of all colours, 3 x 3": ("net.stem_by_colour=false", "net.stem_kernel=3"),
+    "no gains at the frame's edge": ("net.padding=zeros",),
+    "equal rates": ("end_rate=1",),
+    "random start": (RANDOM,),
+    "random start, relu": (RANDOM, "net.activation=relu"),
+    "random start, no normalisation": (RANDOM, "net.normalization=none"),
+    "random start, equal rates": (RANDOM, "end_rate=1"),
+}
+"""What each row changes of the base."""
+KEY = ["variant", "seed", "setup"]
+MEASURES = {
+    "label_psnr_db": ("by its labels, dB", ".1f"),
+    "label_nonzero_psnr_db": ("without alpha 1, dB", ".1f"),
+    "label_explained": ("explained", ".3f"),
+    "label_explained_near": ("near", ".3f"),
+    "label_explained_wide": ("wide", ".3f"),
+    "label_widest_db": ("alpha .125, dB", ".1f"),
+    "label_colour_error": ("colour error", ".2%"),
+    "truth_psnr_db": ("by the truth, dB", ".1f"),
+    "truth_nonzero_psnr_db": ("without alpha 1, dB", ".1f"),
+}
+"""Columns of the table, their headings, and how their numbers are written."""
+
+
+class Member(NamedTuple):
+    """One training, and its key among the results."""
+
+    variant: str
+    seed: int
+    setup: str
+    """Hash of all that determines the result: network, loss, steps, data, and the scenes of the evaluation."""
+    overrides: tuple[str, ...]
+
+    def folder(self, runs: Path) -> Path:
+        """Its run folder."""
+        name = "".join(letter if letter.isalnum() else "_" for letter in self.variant)
+        return runs / f"{name}_{self.seed}_{self.setup}"
+
+
+def members(n_seeds: int, overrides: Iterable[str] = ()) -> Iterator[Member]:
+    """All trainings, seed by seed, so that one seed of every variant comes before the second of any."""
+    for seed, (variant, changes) in itertools.product(range(n_seeds), VARIANTS.items()):
+        words = (*SETUP, *changes, f"seed={seed}", *overrides)
+        config = composed(words)
+        parts = [sim30.VERSION, config.trainer.max_steps, config.trainer.precision]
+        parts += [configs.plain(config[part]) for part in DECISIVE]
+        digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+        yield Member(variant, seed, f"setup_{digest[:12]}", words)
+
+
+def composed(overrides: Iterable[str]) -> DictConfig:
+    """The configuration of a training."""
+    with initialize_config_dir(str(configs.directory()), version_base="1.3"):
+        return compose("train", list(overrides))
+
+
+def results(path: Path) -> pd.DataFrame:
+    """The results so far, by any setup."""
+    return tables.read_table(path).astype({"seed": int}) if path.exists() else pd.DataFrame(columns=KEY)
+
+
+def of(wanted: Sequence[Member], rows: pd.DataFrame) -> pd.DataFrame:
+    """The results of these trainings."""
+    keys = {member[: len(KEY)] for member in wanted}
+    return rows[[key in keys for key in rows[KEY].itertuples(index=False, name=None)]]
+
+
+def train(wanted: Sequence[Member], path: Path, n_processes: int, row: Callable[[Member], Mapping[str, Any]]) -> None:
+    """Make the rows that are missing, and write each as it comes; the first failure ends the experiment."""
+    done = set(results(path)[KEY].itertuples(index=False, name=None))
+    missing = [member for member in wanted if member[: len(KEY)] not in done]
+    with ThreadPoolExecutor(n_processes) as pool:
+        for new in track(pool.map(row, missing), description="training", total=len(missing)):
+            rows = results(path)
+            others = rows[(rows["variant"] != new["variant"]) | (rows["seed"] != new["seed"])]
+            tables.write_table(path, [*others.to_dict("records"), new])
+
+
+def trained(member: Member, runs: Path, cases: Sequence[EvaluationCase]) -> dict[str, Any]:
+    """The row of a training, which is trained first unless it is."""
+    folder = member.folder(runs)
+    training.train(folder, member.overrides)
+    facts = Run(folder).training
+    row = dict(zip(KEY, member, strict=False)) | {
+        "n_parameters": facts["n_parameters"],
+        "training_s": round(facts["seconds"]),
+    }
+    return row | measured(load(folder), cases)
+
+
+def measured(method: Refocuser, cases: Sequence[EvaluationCase]) -> dict[str, float]:
+    """Means over scenes and planes, by the labels (`label_`) and by the truth (`truth_`)."""
+    rows = experiments.plane_rows(cases, [method, CLASSICAL[RIVAL]], [LABEL])
+    by_reference = experiments.scores(rows).loc[method.name]
+    prefixes = {LABEL: "label_", TRUTH: "truth_"}
+    return {
+        prefixes[reference] + name: round(float(value), 5)
+        for reference, scores in by_reference.iterrows()
+        if reference != method.name
+        for name, value in scores.items()
+    }
+
+
+def times() -> dict[str, str]:
+    """Time of every row for one light field; networks are untrained, since weights cost no time."""
+    options = {name: OmegaConf.to_yaml(composed([*SETUP, *changes, LINEAR]).net) for name, changes in VARIANTS.items()}
+    networks = {text: configs.build(OmegaConf.create(text)).eval() for text in set(options.values())}
+    methods = {name: functools.partial(CLASSICAL[name], slopes=PLANES.slopes) for name in METHODS}
+    measured = experiments.times(methods | networks)
+    return {name: measured[options.get(name, name)] for name in (*METHODS, *VARIANTS)}
+
+
+def table(rows: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
+    """All variants and methods; differences from the base are taken seed by seed."""
+    headings = [heading for heading, _ in MEASURES.values()]
+    yield from experiments.head(
+        "variant", *headings, "by its labels, less the base, dB", "parameters", experiments.TIME
+    )
+    by_variant = {variant: own.set_index("seed") for variant, own in rows.groupby("variant")}
+    for variant in (*METHODS, *VARIANTS):
+        own, base = by_variant[variant], by_variant[BASE]
+        cells = [mean(own[name], form) for name, (_, form) in MEASURES.items()]
+        less = "" if own is base else difference((own["label_psnr_db"] - base["label_psnr_db"]).dropna())
+        size = f"{own['n_parameters'].iloc[0]:,.0f}"
+        yield experiments.row(variant, *cells, *(["", ""] if variant in METHODS else [less, size]), times[variant])
+    yield ""
+    yield f"Whole frames of the 30 scenes of sim30 ({sim30.VERSION}) without sensors, the paper's planes; mean and"
+    yield f"standard deviation over seeds ({rows['seed'].nunique()} in all). Less the base: mean difference, seed by"
+    yield "seed, with its 95 % paired t interval from two seeds on, bold where it excludes 0; each row is tested by"
+    yield "itself. Near: alpha from .75, without 1; wide: up to .25. Time of a light field of"
+    yield f"7x7x3x{experiments.SIZE[0]}x{experiments.SIZE[1]}, in brackets in NumPy's 4-D FFTs of the same views."
+
+
+def mean(values: pd.Series, form: str) -> str:
+    """Mean, and standard deviation if there are several values."""
+    if values.isna().all():
+        return tables.DASH
+    text = f"{values.mean():{form}}" + (f" ± {values.std():{form}}" if len(values) > 1 else "")
+    return text.replace("%", " %")
+
+
+def difference(values: pd.Series) -> str:
+    """Mean difference with its interval, bold if that excludes 0."""
+    if len(values) < 2:
+        return f"{values.mean():+.1f}"
+    low, high = t_interval(values.tolist())
+    text = f"{values.mean():+.1f} ({low:+.1f} to {high:+.1f})"
+    return f"**{text}**" if low > 0 or high < 0 else text
+
+
+def main() -> None:
+    """Train, evaluate, time; then fill the page, or print its lines."""
+    parser = argparse.ArgumentParser(description="Which choices matter in a small RefNet that works.")
+    parser.add_argument("overrides", nargs="*", help="of lfref train, with --runs elsewhere")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks, and of results if not the default")
+    parser.add_argument("--scenes", nargs="+", default=list(sim30.SCENES), help="of sim30, with --runs elsewhere")
+    parser.add_argument("--processes", type=int, default=1, help="trainings side by side, of one thread each")
+    parser.add_argument("--seeds", type=int, default=N_SEEDS, help="how many; more can be added later")
+    options = parser.parse_args()
+    runs = options.runs.resolve()
+    is_ours = runs == RUNS
+    if is_ours and (options.overrides or options.scenes != list(sim30.SCENES)):
+        parser.error("other overrides and scenes need --runs elsewhere: they would mix with the results of the page")
+    path, wanted = RESULTS if is_ours else runs / "ablations.csv", list(members(options.seeds, options.overrides))
+    cases = list(experiments.cases(options.scenes, PLANES))
+    n_threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # evaluations run beside trainings
+    train(wanted, path, options.processes, functools.partial(trained, runs=runs, cases=cases))
+    torch.set_num_threads(n_threads)
+    methods = [{"variant": name, "seed": 0} | measured(CLASSICAL[name], cases) for name in METHODS]
+    lines = "\n".join(table(pd.concat([pd.DataFrame(methods), of(wanted, results(path))]), times()))
+    if is_ours:
+        markers.fill({"ablations": lines})
+    else:
+        print(lines)
+
+
+if __name__ == "__main__":
+    main()
