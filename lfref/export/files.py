@@ -31,7 +31,7 @@ from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, Exported, load
-from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, refiner_entry
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 
 Axes = tuple[int | str, ...]
@@ -271,7 +271,7 @@ def _write_pt2(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refoc
 def _write_weights(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refocuser:
     if isinstance(refocuser, RefinedRefocuser):
         module: nn.Module = refocuser.refiner
-        entry = refocuser.entry()
+        entry = refiner_entry(refocuser.refiner, refocuser.base, refocuser.names)
     elif isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None:
         module = refocuser.network
         entry = checkpoint.payload(refocuser.network, refocuser.planes, refocuser.is_linear is not False)

@@ -57,7 +57,7 @@ def measure(field: LightField) -> tuple[float, float]:
 def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
     """Mean light of all blocks of pictures [B, H, W], [M], and their power at F high frequencies, [M, F].
 
-    Power is scaled so that white noise has its variance as power. Pictures have at least 10 x 10 pixels.
+    Power is scaled so that white noise has its variance as power.
     """
     inner = pictures[:, 1:-1, 1:-1]
     n_down, n_across = inner.shape[1] // BLOCK, inner.shape[2] // BLOCK

@@ -10,8 +10,8 @@ which keeps the digits that 1 minus a number near 1 loses. Window and borders ar
 and rounded once, also under autocast: in a flat plane, the equal rounding errors of all pixels add up.
 
 From top to bottom: the public functions; values and derivatives of planes for PyTorch (`plane_values`; `formula`
-computes the same by PyTorch's own operations, for GPUs and second derivatives); the compiled loops, which work row by
-row so that intermediate results stay in the caches.
+computes the same by PyTorch's own operations, for GPUs); the compiled loops, which work row by row so that intermediate
+results stay in the caches.
 """
 
 import functools
@@ -75,7 +75,7 @@ def one_minus_ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) 
 
 
 def plane_values(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
-    """1 - SSIM of each plane of x and y [P, H, W] with stabilisers C1 and C2; float64, [P], differentiable twice."""
+    """1 - SSIM of each plane of x and y [P, H, W] with stabilisers C1 and C2; float64, [P], differentiable once."""
     if x.device.type != "cpu":
         return formula(x, y, C1, C2)
     needs_gradient = [torch.is_grad_enabled() and planes.requires_grad for planes in (x, y)]
@@ -143,46 +143,18 @@ class _Values(torch.autograd.Function):
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor, Tensor]) -> None:
-        x, y, *ctx.constants = inputs[:4]
         ctx.mark_non_differentiable(*output[1:])
         ctx.set_materialize_grads(False)
-        ctx.save_for_backward(x, y, *output[1:])
-
-    @staticmethod
-    def backward(ctx: Any, weights: Tensor | None, *_: None) -> Any:
-        if weights is None:
-            return (None,) * 6
-        gradients = _Gradients.apply(*ctx.saved_tensors, weights, *ctx.constants)
-        pairs = zip(gradients, ctx.needs_input_grad, strict=False)
-        return *(gradient if needed else None for gradient, needed in pairs), None, None, None, None
-
-
-class _Gradients(torch.autograd.Function):
-    """The compiled gradients times the weight of each plane; `formula` gives their derivatives (rarely needed)."""
-
-    @staticmethod
-    def forward(
-        x: Tensor, y: Tensor, g_x: Tensor, g_y: Tensor, weights: Tensor, C1: float, C2: float
-    ) -> tuple[Tensor, Tensor]:
-        shares = weights[:, None, None].to(x)
-        return g_x * shares, g_y * shares
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor]) -> None:
-        x, y, _, _, weights, *ctx.constants = inputs
-        ctx.save_for_backward(x, y, weights)
+        ctx.save_for_backward(*output[1:])
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, *further: Tensor) -> Any:
-        with torch.enable_grad():
-            x, y, weights = (tensor.detach().requires_grad_() for tensor in ctx.saved_tensors)
-            both = torch.autograd.grad(formula(x, y, *ctx.constants), (x, y), weights, create_graph=True)
-        # A gradient that was not needed is empty, and has no derivative.
-        needed = [(first, second) for first, second in zip(both, further, strict=True) if first.shape == second.shape]
-        gradients, seconds = zip(*needed, strict=True)
-        g_x, g_y, g_weights = torch.autograd.grad(gradients, (x, y, weights), seconds)
-        return g_x, g_y, None, None, g_weights, None, None
+    def backward(ctx: Any, weights: Tensor | None, *_: None) -> Any:
+        if weights is None:
+            return (None,) * 6
+        pairs = zip(ctx.saved_tensors, ctx.needs_input_grad, strict=False)
+        shares = weights[:, None, None]
+        return *(gradient * shares.to(gradient) if needed else None for gradient, needed in pairs), *(None,) * 4
 
 
 # The compiled loops. A Gaussian mean with reflection, and its adjoint, are bands of 11 weights that depend on the

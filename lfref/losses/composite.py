@@ -31,10 +31,7 @@ def mean_squared_error(prediction: Tensor, target: Tensor) -> Tensor:
 
 
 def mean_absolute_error(prediction: Tensor, target: Tensor) -> Tensor:
-    """Mean absolute error of each image, [..., C, H, W] -> [...], float32 or the images' wider type.
-
-    The paper writes the l1-norm, but a norm that grows with the number of pixels would drown the other terms.
-    """
+    """Mean absolute error of each image, [..., C, H, W] -> [...]; a sum over pixels would drown the other terms."""
     prediction, target = image_pair(prediction, target)
     return (prediction - target).abs().mean((-3, -2, -1))
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torchmetrics import Metric
 
-from lfref.errors import InputError
+from lfref.errors import InputError, chosen
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
 
@@ -38,11 +38,7 @@ class StackQuality(Metric):
         """Quality of each image, [..., C, H, W] twice -> [...]."""
 
     def update(self, prediction: Tensor, target: Tensor) -> None:
-        """Add refocused stacks, [..., N, C, H, W] twice.
-
-        Raises:
-            InputError: The stacks are not comparable, or have another number of planes.
-        """
+        """Add refocused stacks, [..., N, C, H, W] twice; InputError if they are not comparable."""
         if prediction.ndim < 4 or prediction.shape[-4] != self.n_planes:
             raise InputError(f"stacks must be [..., {self.n_planes}, C, H, W]", got=list(prediction.shape))
         values = self.quality(prediction, target, self.data_range).reshape(-1, self.n_planes)
@@ -79,15 +75,13 @@ class MPSNR(StackQuality):
 
 NEAR, WIDE = 0.5, 3.0
 """Near focus: |slope| up to NEAR (the paper's alpha from .75); wide blur: |slope| from WIDE (alpha up to .25)."""
-GROUPS = "all", "near", "wide"
+GROUPS = {"all": (0.0, float("inf")), "near": (0.0, NEAR), "wide": (WIDE, float("inf"))}
+"""Least and largest |slope| of the planes that count."""
 
 
 def in_group(slopes: Sequence[float], group: str) -> list[bool]:
     """Whether each plane belongs to a group of `GROUPS`; slope 0, where the label is the mean of the views, to none."""
-    if group not in GROUPS:
-        raise InputError(f"planes must be {', '.join(GROUPS)}", got=group)
-    ends = {"all": (0.0, float("inf")), "near": (0.0, NEAR), "wide": (WIDE, float("inf"))}
-    low, high = ends[group]
+    low, high = chosen("group of planes", group, GROUPS)
     return [slope != 0 and low <= abs(slope) <= high for slope in slopes]
 
 
@@ -125,14 +119,7 @@ class Explained(Metric):
         self.add_state("rival", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
 
     def update(self, prediction: Tensor, target: Tensor, mean: Tensor) -> None:
-        """Add refocused stacks and labels, [..., N, C, H, W] each, and the means of their views, [..., C, H, W].
-
-        Raises:
-            InputError: The stacks have other shapes or another number of planes.
-        """
-        if prediction.ndim < 4 or prediction.shape != target.shape or prediction.shape[-4] != len(self.planes):
-            expected = f"stacks and labels must be [..., {len(self.planes)}, C, H, W]"
-            raise InputError(expected, got=f"{list(prediction.shape)} and {list(target.shape)}")
+        """Add refocused stacks and labels, [..., N, C, H, W] each, and the means of their views, [..., C, H, W]."""
         for i in (i for i, counts in enumerate(self.planes) if counts):
             stack, label = prediction[..., i, :, :, :], target[..., i, :, :, :]
             self.error += (stack - label).double().square().sum()

@@ -1,18 +1,18 @@
 """Checkpoints of trained networks: plain containers and tensors, nothing that could run code.
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
-beside them. A safetensors file holds the same without Lightning's entries. Reading is `weights_only`, URLs are refused,
+beside them. A safetensors file holds the same without Lightning's entries. Reading is `weights_only`,
 and networks are built from a table of names, or of the class that the caller gives, no larger than the file.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
 
-from lfref.errors import CheckpointError, InputError, counted, first_line
+from lfref.errors import CheckpointError, InputError, first_line
 from lfref.geometry import FocalPlanes, planes_from
 from lfref.io import tensor_files
 from lfref.nets.network import Network
@@ -59,8 +59,6 @@ def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[
 
 def read(path: str | Path) -> dict[str, Any]:
     """The entries `lfref` and `state_dict` of a file, and Lightning's entries; CheckpointError for other files."""
-    if "://" in str(path):
-        raise CheckpointError("a checkpoint must be a local file", got=path, remedy="download it first")
     if not Path(path).is_file():
         raise CheckpointError(f"no checkpoint at {path}", remedy="give the .ckpt file of a run (RUN/checkpoints)")
     if Path(path).suffix == tensor_files.SUFFIX:
@@ -75,18 +73,13 @@ def read(path: str | Path) -> dict[str, Any]:
     return contents
 
 
-def restore(path: str | Path, net: type[Network] | None = None) -> tuple[Network, FocalPlanes]:
-    """The network of a checkpoint, on the CPU, and its planes; CheckpointError if it holds no network.
-
-    `net` is the class of a network that is not one of ours.
-    """
-    return restored(path, read(path), net)
-
-
 def restored(
     path: str | Path, contents: Mapping[str, Any], net: type[Network] | None = None
 ) -> tuple[Network, FocalPlanes]:
-    """The network and planes of `restore`, from the contents that `read` returned; errors name `path`."""
+    """The network of a checkpoint, on the CPU, and its planes, from what `read` returned; errors name `path`.
+
+    `net` is the class of a network that is not one of ours.
+    """
     entry = contents["lfref"]
     if entry.get("format") != FORMAT:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
@@ -117,13 +110,9 @@ def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], st
     # Networks of other packages may need memory to be built; the user trusts these packages.
     if kind.__module__.startswith("lfref."):
         # Without a limit, a list or number in a small file builds more layers than fit into memory.
-        for name, value in arguments.items():
-            is_list = isinstance(value, Sequence) and not isinstance(value, str)
-            if (is_list and len(value) > max(2, len(weights))) or (
-                name == "n_blocks" and isinstance(value, int) and value > len(weights)
-            ):
-                got = counted(len(weights), "tensor")
-                raise CheckpointError(f"{path} must hold the weights of all blocks", got=got)
+        lengths = [len(value) for value in arguments.values() if isinstance(value, list)]
+        if max([*lengths, arguments.get("n_blocks") or 0]) > max(2, len(weights)):
+            raise CheckpointError(f"{path} must hold the weights of all blocks", got=f"{len(weights)} tensors")
         with torch.device("meta"):
             compare(path, kind(**arguments), weights)
     network = kind(**arguments)
@@ -143,14 +132,8 @@ def fill(path: str | Path, network: nn.Module, weights: Mapping[str, Tensor]) ->
 
 
 def network_weights(path: str | Path, state: Mapping[str, Any]) -> dict[str, Tensor]:
-    """The network's part of a `state_dict`, checked, by the names that the network itself uses."""
+    """The network's part of a `state_dict`, by its own names: plain finite tensors, no larger than the file."""
     weights = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
-    check_weights(path, weights)
-    return weights
-
-
-def check_weights(path: str | Path, weights: Mapping[str, Any]) -> None:
-    """Refuse weights that are no plain finite tensors, or that hold more numbers than the file."""
     views = {}
     for name, value in weights.items():
         # Each test assumes that the tests before it hold.
@@ -164,9 +147,8 @@ def check_weights(path: str | Path, weights: Mapping[str, Any]) -> None:
             raise CheckpointError(f"{path}: {name} must be a plain tensor of finite numbers", remedy="train it anew")
         views[value.data_ptr(), value.numel()] = value.nbytes
     if sum(views.values()) > Path(path).stat().st_size:
-        raise CheckpointError(
-            f"{path} must hold all weights", got="one part used several times", remedy="train it anew"
-        )
+        raise CheckpointError(f"{path} must hold all weights", got="one part used several times")
+    return weights
 
 
 def compare(path: str | Path, network: nn.Module, weights: Mapping[str, Tensor]) -> None:

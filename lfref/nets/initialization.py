@@ -61,7 +61,7 @@ SPREAD = 0.1
 
 
 def one_process(value: Tensor) -> Tensor:
-    """The total over a single process: the value itself."""
+    """The total over a single process."""
     return value
 
 
@@ -89,6 +89,10 @@ def ridge_regression(
     return weights, y_mean - weights @ x_mean, covariance
 
 
+def _bias(convolution: nn.Conv2d) -> Tensor:
+    return cast(Tensor, convolution.bias)
+
+
 def neighbourhoods(images: Tensor, convolution: nn.Conv2d) -> Tensor:
     """What each output pixel of a convolution of odd kernel reads: [B, C, H, W] -> [B, C k k, H, W]."""
     side = convolution.kernel_size[0]
@@ -111,10 +115,7 @@ def kept_directions(predicted: Tensor, count: int) -> Tensor:
 
 
 def set_stem(stem: nn.Conv2d, weights: Tensor, bias: Tensor, directions: Tensor) -> None:
-    """Step 1 of the linear start: the first filters carry directions [N C r^2, K] of the predicted labels.
-
-    Of a stem that reads colours apart, weights, bias and directions are those of one colour.
-    """
+    """Step 1: the first filters carry directions [N C r^2, K] of the predicted labels (of one colour, if apart)."""
     low, span = directions.clamp(max=0).sum(0), directions.abs().sum(0)
     n_carried = directions.shape[1]
     carried = (GAIN / span)[:, None] * (directions.T @ weights)
@@ -161,10 +162,6 @@ def edge_gains(pairs: Iterable[tuple[Tensor, Tensor]], gains: Tensor, total: Tot
     result = (total(products) + LEAST_PENALTY) / (total(squares) + LEAST_PENALTY)
     result[:, gains.shape[1] // 2, gains.shape[2] // 2] = 1  # the place of all pixels away from the edge
     return result
-
-
-def _bias(convolution: nn.Conv2d) -> Tensor:
-    return cast(Tensor, convolution.bias)
 
 
 def scale_outputs(last: nn.Conv2d, features: Tensor, labels: Tensor, total: Total = one_process) -> None:

@@ -55,8 +55,6 @@ def polygon(grid: Sequence[int], blades: int, diameter: float | None = None, rot
     """
     if not (isinstance(blades, int) and blades >= 3):
         raise InputError("blades must be a whole number of at least 3", got=repr(blades))
-    if not math.isfinite(rotation):
-        raise InputError("rotation must be finite, in degrees", got=rotation)
     radius = _checked("diameter", min(grid) if diameter is None else diameter) / 2
     return geometry.covered_by_polygon(_edges(grid[0]), _edges(grid[1]), blades, radius, math.radians(rotation))
 
@@ -78,10 +76,7 @@ def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tenso
     Args:
         rows: Weights, finite, >= 0 and not all zero, one list for each view row, [V, U].
     """
-    try:
-        weights = torch.as_tensor(rows, dtype=torch.float64, device="cpu")
-    except (TypeError, ValueError) as error:
-        raise InputError("a mask must be one list of numbers for each view row", got=repr(rows)) from error
+    weights = torch.as_tensor(rows, dtype=torch.float64, device="cpu")
     batches.checked_weights(weights, (grid[0], grid[1]))
     return weights
 

@@ -24,7 +24,13 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.refocus.wiener_filters import DECAY, FOLDS, OUTER
+
+DECAY = 2.5
+"""Power falls with frequency to this power: 3 for edges alone, 2 for fine grain."""
+OUTER = 0.01
+"""Cycles per pixel below which power stays level: a picture has some hundred pixels."""
+FOLDS = torch.tensor([-1.0, 0.0, 1.0], dtype=torch.float64)
+"""m along one axis: farther folds have next to no power."""
 
 
 class AxisSpectrum(NamedTuple):
@@ -80,7 +86,7 @@ def counts(n_views: int) -> Tensor:
 
 
 def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights: Tensor, period: int) -> AxisEquations:
-    """The equations of every disparity [D] and slope [N], in pixels per view step, for symmetric weights of views [I].
+    """The equations of every disparity [D] and slope [N] for symmetric weights of views [I].
 
     `period` is twice the number of pixels that filters reach, even.
     """

@@ -75,11 +75,6 @@ def radius(width: float) -> int:
     return math.ceil(width / 2) + 1 if width > 0 else 0
 
 
-def response(widths: Tensor, frequencies: Tensor) -> Tensor:
-    """What boxes of these widths [...] do to frequencies [K] in cycles per sample: sinc(w k), [..., K]."""
-    return torch.sinc(widths[..., None] * frequencies)
-
-
 def place(squared_widths: Tensor) -> Tensor:
     """Position of widths, given as w^2, among the levels: 2.25 is a quarter of the way from level 2 to level 3."""
     return PER_E_FOLD * (squared_widths / NARROW**2).log1p()
@@ -116,18 +111,18 @@ class Footprint(NamedTuple):
         disparity = self.disparity
         planes = slopes[None, :, None, None].to(disparity) if self.varies else slopes
         widths = self.fill * (planes - disparity)
-        if (widest := float(torch.stack(widths.detach().aminmax()).abs().max())) > max(self.size):
+        if not (widest := float(torch.stack(widths.detach().aminmax()).abs().max())) <= max(self.size):
             raise InputError(
                 f"fill * |slope - disparity| must be at most the picture's {max(self.size)} px",
                 got=f"{widest:g} px",
-                remedy="disparity is in pixels per view step, as slopes are",
+                remedy="disparity is finite, and in pixels per view step, as slopes are",
             )
         return widths
 
     def responses(self, slopes: Tensor, frequencies: Tensor) -> Tensor:
         """Real factors of the frequencies along one axis, [N, 1, K]; 1 where the blur varies and comes afterwards."""
         widths = torch.zeros_like(slopes) if self.varies else self.widths(slopes)
-        return response(widths, frequencies)[:, None]
+        return torch.sinc(widths[:, None, None] * frequencies)
 
 
 def checked(fill: float, disparity: float | Tensor, views: Tensor) -> Footprint:
@@ -137,13 +132,8 @@ def checked(fill: float, disparity: float | Tensor, views: Tensor) -> Footprint:
         raise InputError("fill must be finite and >= 0, in view steps", got=repr(fill), remedy="1 fills the aperture")
     values = torch.as_tensor(disparity, dtype=torch.float64)
     if tuple(values.shape) not in ((), size, (*views.shape[:-5], *size)):
-        raise InputError(
-            f"disparity must be a number or a map {list(size)}, or one map for each light field",
-            got=f"shape {list(values.shape)}",
-            remedy="resize the map to the views",
-        )
-    if not bool(values.detach().isfinite().all()):
-        raise InputError("disparity must be finite", remedy="fill its gaps, torch.nan_to_num(disparity)")
+        expected = f"disparity must be a number or a map {list(size)}, or one map for each light field"
+        raise InputError(expected, got=f"shape {list(values.shape)}", remedy="resize the map to the views")
     if values.ndim == 0:
         return Footprint(float(fill), values.detach().cpu(), size)
     maps = values.to(views.device, batches.working_dtype(views.dtype)).reshape(-1, 1, *size)
@@ -169,13 +159,6 @@ def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | No
             weight = blended(covered[n].expand(len(own), 1, -1, -1), own, border)
             planes.append(blended(stack[:, n] * covered[n], own, border) * inverse(covered[n], weight))
     return torch.stack(planes, dim=1)
-
-
-def periodic(stack: Tensor, cell: Footprint, slopes: Tensor) -> Tensor:
-    """Planes [B, N, C, H, W] that wrap around, blurred if the blur varies; a constant one is part of the spectrum."""
-    if cell.fill == 0 or not cell.varies:
-        return stack
-    return blurred(stack, cell.widths(slopes), BORDERS["wrap"])
 
 
 def boxed(images: Tensor, width: float, border: Border, axes: Sequence[int] = (-1, -2)) -> Tensor:

@@ -29,17 +29,14 @@ class ViewMap(NamedTuple):
 
 def mean_of_views(
     views: Tensor, aperture: Tensor, planes: Sequence[ViewMap], interpolation: str, border: str
-) -> tuple[Tensor, Tensor]:
-    """Weighted mean, at each pixel, of the views [B, V, U, C, H, W] that have a sample there; 0 where none has.
-
-    Returns stacks [B, N, C, H, W], and the share of the aperture [V, U] that has a sample, float64, [N, H, W].
-    """
+) -> Tensor:
+    """Weighted mean, at each pixel, of the views [B, V, U, C, H, W] that have a sample there; 0 where none has."""
     local = {name: record for name, record in INTERPOLATIONS.items() if record.weights is not None}
     method = chosen("interpolation at positions that vary over the picture", interpolation, local)
     rule = chosen("border", border, BORDERS)
     n_rows, n_columns, height, width = *aperture.shape, *views.shape[-2:]
     rows, columns = (torch.arange(n, dtype=torch.float64, device=views.device) for n in (height, width))
-    images, coverages = [], []
+    images = []
     for plane in planes:
         image = torch.zeros_like(batches.radiance(views[:, 0, 0]))
         coverage = torch.zeros(height, width, dtype=torch.float64, device=views.device)
@@ -59,8 +56,7 @@ def mean_of_views(
             image = image + torch.where(counted, samples, 0.0) * weight
             coverage = coverage + counted.to(coverage) * weight
         images.append(image * torch.where(coverage > 0, 1 / coverage, 0.0).to(image))
-        coverages.append(coverage)
-    return torch.stack(images, dim=1), torch.stack(coverages)
+    return torch.stack(images, dim=1)
 
 
 def sample(images: Tensor, x: Tensor, y: Tensor, method: Interpolation, border: Border) -> tuple[Tensor, Tensor]:
@@ -79,17 +75,11 @@ def sample(images: Tensor, x: Tensor, y: Tensor, method: Interpolation, border: 
         if border.counts_only_samples:
             has_sample = has_sample & (position >= -ON_VIEW) & (position <= length - 1 + ON_VIEW)
     flat, width = images.flatten(-2), images.shape[-1]
-    # A weight of 0 must not let inf or NaN through; checked once, as the guard costs more than the taps themselves.
-    is_finite = bool(images.detach().sum().isfinite())
     total = torch.zeros((), dtype=images.dtype, device=images.device)
     for row, row_weight in taps[0]:
         for column, column_weight in taps[1]:
             weight, index = (row_weight * column_weight).to(images), row * width + column
             # Far faster than `flat[..., index]`.
             samples = flat.gather(-1, index.reshape(-1).expand(*flat.shape[:-1], -1))
-            samples = samples.reshape(*flat.shape[:-1], *index.shape)
-            if not is_finite:
-                # Finite samples stay: the derivative by the position needs them, at weight 0 too.
-                samples = torch.where(weight == 0, samples.nan_to_num(0.0, 0.0, 0.0), samples)
-            total = total + samples * weight
+            total = total + samples.reshape(*flat.shape[:-1], *index.shape) * weight
     return total, has_sample

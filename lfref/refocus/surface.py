@@ -62,7 +62,7 @@ def per_pixel(
     slopes = slopes.reshape(-1, *size)
     cameras = None if positions is None else batches.checked_positions(positions, grid)
     planes = [ViewMap(slopes=plane, positions=cameras) for plane in slopes]
-    stack, _ = mean_of_views(batch, batches.checked_weights(weights, grid), planes, interpolation, border)
+    stack = mean_of_views(batch, batches.checked_weights(weights, grid), planes, interpolation, border)
     return batches.restored(stack, views)
 
 

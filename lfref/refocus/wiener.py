@@ -25,11 +25,9 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.functional import fft_lengths
-from lfref.geometry import Slopes
 from lfref.refocus import batches
-from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import exact
-from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites, prior_of_map
+from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites
 
 TAIL = 12
 """Pixels that filters reach beyond the shifts of the views."""
@@ -39,43 +37,20 @@ MIXED_AT_ONCE = 2**20
 """Samples of the pairs that are mixed and transformed at once, 4 MB, about what caches hold; some copies are needed."""
 
 
-def wiener(views: Tensor, slopes: Slopes, prior: Prior | None = None, weights: Tensor | None = None) -> Tensor:
-    """Refocus light fields by the linear estimate of least mean square error.
+def refocus_jointly(field: Tensor, planes: Tensor, prior: Prior, aperture: Tensor) -> Tensor:
+    """A light field [V, U, C, H, W] refocused at planes [N] by filters of all views together, [N, C, H, W].
 
-    Args:
-        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
-        slopes: Focus in pixels per view step, [N].
-        prior: Which disparities the scene has; None takes those of each light field's own disparity map.
-        weights: Synthetic aperture of the photograph, >= 0, symmetric about both axes, [V, U]; each view stands for its
-            cell of it. Views of weight 0 are read too. None: the whole square.
-
-    Returns:
-        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
-
-    Raises:
-        InputError: Views, slopes or weights that cannot be used.
-
-    Example:
-        >>> views = torch.rand(5, 5, 3, 48, 64)
-        >>> lfref.wiener(views, [-0.5, 0.5]).shape
-        torch.Size([2, 3, 48, 64])
+    The aperture [V, U], of sum 1, is symmetric about both axes.
     """
-    batch = batches.radiance(batches.flattened(views))
-    grid, size = batches.grid_and_size(batch)
-    planes = geometry.checked_slopes(slopes, grid, size)
-    aperture = batches.symmetric_weights(weights, grid)
+    grid, size = batches.grid_and_size(field)
     # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
     margin = fft_lengths.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
     side = _side(margin, size)
-    stacks = []
-    for field in [batch] if prior else batch.split(1):  # without a prior, each light field has its own
-        known = prior or prior_of_map(coarse_disparity(field[0]))
-        factors = filters(known, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
-        table = batch.new_empty(len(planes), grid[0] * grid[1], side, side // 2 + 1)
-        for place, plane in zip(table, factors, strict=True):
-            place.copy_(plane)
-        stacks.append(_filtered(field.flatten(1, 2), opposites(grid), table, side, margin))
-    return batches.restored(torch.cat(stacks), views)
+    factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
+    table = field.new_empty(len(planes), grid[0] * grid[1], side, side // 2 + 1)
+    for place, plane in zip(table, factors, strict=True):
+        place.copy_(plane)
+    return _filtered(field[None].flatten(1, 2), opposites(grid), table, side, margin)[0]
 
 
 def _side(margin: int, size: tuple[int, int]) -> int:

@@ -28,8 +28,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.errors import InputError
 from lfref.functional import fft_lengths
+from lfref.refocus.axis_filters import DECAY, FOLDS, OUTER
 from lfref.refocus.fourier import exact
 
 STEP = 0.12
@@ -38,12 +38,6 @@ MARGIN = 0.6
 """How far beyond the map's range disparities are still thought possible, in pixels per view step."""
 BROAD = 0.05
 """Probability that the map is wrong: spread evenly over its range and the margin."""
-DECAY = 2.5
-"""Power falls with frequency to this power: 3 for edges alone, 2 for fine grain."""
-OUTER = 0.01
-"""Cycles per pixel below which power stays level: a picture has some hundred pixels."""
-FOLDS = torch.tensor([-1.0, 0.0, 1.0], dtype=torch.float64)
-"""m along one axis: farther folds have next to no power."""
 
 
 class Prior(NamedTuple):
@@ -73,29 +67,21 @@ class Prior(NamedTuple):
         return float(self.power(steps[:, None], steps).mean())
 
 
-def prior_of_map(disparity: Tensor, confidence: Tensor | None = None) -> Prior:
+def prior_of_map(disparity: Tensor) -> Prior:
     """The prior of a disparity map: its histogram, rare values raised, and a broad part for errors of the map."""
     values = disparity.detach().double().cpu().flatten()
-    if not bool(values.isfinite().all()) or values.numel() == 0:
-        raise InputError("disparities must be finite and at least one", got="NaN, infinity or none")
-    counts = torch.ones_like(values) if confidence is None else confidence.detach().double().cpu().flatten()
     first = math.floor((float(values.min()) - MARGIN) / STEP)
     last = math.ceil((float(values.max()) + MARGIN) / STEP)
     # Each value counts for its two neighbouring bins, by its distance, so that the mean disparity is kept.
     histogram = torch.zeros(last - first + 2, dtype=torch.float64)
     position = values / STEP - first
     below = position.floor().long()
-    histogram.index_add_(0, below, counts * (1 - position + below))
-    histogram.index_add_(0, below + 1, counts * (position - below))
+    histogram.index_add_(0, below, 1 - position + below)
+    histogram.index_add_(0, below + 1, position - below)
     # Rare disparities are edges more often than not, where the estimate has to be good: the root raises them.
     raised = histogram.sqrt()
     shares = (1 - BROAD) * raised / raised.sum() + BROAD / len(raised)
     return Prior(tuple((STEP * (first + i)) for i in range(len(shares))), tuple(shares.tolist()))
-
-
-def prior_between(first: float, last: float) -> Prior:
-    """The prior of a scene of which only the extreme disparities are known, in pixels per view step, in any order."""
-    return prior_of_map(torch.arange(min(first, last), max(first, last) + STEP / 2, STEP, dtype=torch.float64))
 
 
 class Pairs(NamedTuple):
@@ -182,8 +168,7 @@ def _counts(pairs: Pairs) -> Tensor:
 def _mirrored(factors: Tensor, grid: tuple[int, int]) -> Tensor:
     """Factors [..., V U] at the opposite vertical frequency: those of the views mirrored in the horizontal axis.
 
-    Only the first of each pair of opposite views is stored. The mirror image (V - 1 - v, u) of such a view is the
-    opposite of (v, U - 1 - u), which is stored; views of the middle row are their own images.
+    The mirror image (V - 1 - v, u) of a stored view is the opposite of (v, U - 1 - u), which is stored.
     """
     pairs = opposites(grid)
     v, u = pairs.first // grid[1], pairs.first % grid[1]

@@ -87,11 +87,7 @@ def load_onnx(path: Path) -> Refocuser:
 
 
 class Exported(Refocuser):
-    """A model that a runtime computes on the CPU in float32, by the description in its file.
-
-    `run` maps views [B, V, U, C, H, W] to the stacks of a network, or views [V, U, C, H, W] and slopes [N] to the stack
-    of an operator.
-    """
+    """A model that a runtime computes on the CPU in float32: of a network, or of an operator, which reads slopes."""
 
     device = CPU
 

@@ -47,17 +47,7 @@ BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
 
 
 class RefinedRefocuser(Refocuser):
-    """A classical method and the refiner that corrects its pictures, without gradients.
-
-    Args:
-        refiner: Features, pictures and error scale -> better pictures.
-        base: Makes the pictures.
-        names: Of the features, candidates first.
-        name: As tables and legends call it.
-
-    Raises:
-        InputError: Unknown features, or features of which the refiner cannot mix its corrections.
-    """
+    """A classical method `base` and the refiner that corrects its pictures by named features, without gradients."""
 
     is_network = True
 
@@ -78,10 +68,6 @@ class RefinedRefocuser(Refocuser):
         if aperture is None:
             return self
         return RefinedRefocuser(self.refiner, self.base.through(aperture), self.names, self.name)
-
-    def entry(self) -> dict[str, Any]:
-        """The entry `lfref` of a checkpoint, from which the refocuser is built again."""
-        return refiner_entry(self.refiner, self.base, self.names)
 
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
@@ -125,11 +111,9 @@ def restored_refiner(
 ) -> RefinedRefocuser:
     """The refocuser of a checkpoint, from what `checkpoint.read` returned; CheckpointError if it holds none."""
     entry = contents["lfref"]
-    if entry.get("format") != REFINER_FORMAT:
-        raise CheckpointError(
-            f"{path} must have format {REFINER_FORMAT}", got=entry.get("format"), remedy="update lfref"
-        )
     try:
+        if entry["format"] != REFINER_FORMAT:
+            raise CheckpointError(f"{path} must have format {REFINER_FORMAT}", got=entry["format"])
         method, names = entry["base"], entry["features"]
         for option in method["options"].values():
             for value in option if isinstance(option, list | tuple) else [option]:
@@ -152,17 +136,7 @@ SHIPPED = {name: Path(__file__).parents[1] / "weights" / f"{name}.safetensors" f
 
 
 class NetworkRefocuser(Refocuser):
-    """A trained network with the planes that it was trained for, without gradients.
-
-    Args:
-        network: Views and slopes -> stack.
-        planes: Planes of its labels.
-        name: As tables and legends call it; None takes the network's own.
-        is_linear: Whether it was trained on linear light or on encoded samples; None: not known.
-
-    Raises:
-        InputError: The network makes another number of planes.
-    """
+    """A trained network with the planes that it was trained for, without gradients."""
 
     is_network = True
 
@@ -196,14 +170,6 @@ def learned(
     name: str = "learned", aperture: Aperture | None = None, device: str | torch.device = "cpu"
 ) -> RefinedRefocuser:
     """The model that ships with lfref: a classical method whose pictures a network corrects.
-
-    Args:
-        name: As tables and legends call it.
-        aperture: Weights of the views of any grid; None weighs all alike.
-        device: Where the network goes.
-
-    Raises:
-        CheckpointError: The installation is damaged.
 
     Example:
         >>> lfref.load()(torch.rand(5, 5, 3, 48, 64), [-0.5, 0.5]).shape

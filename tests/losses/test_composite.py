@@ -159,35 +159,6 @@ def test_hard_images_have_a_finite_loss_and_gradient(name: str, dtype: torch.dty
     assert prediction.grad.isfinite().all()
 
 
-@pytest.mark.parametrize("weight", [-1.0, math.nan, math.inf, "much", None])
-def test_an_unusable_weight_is_refused(weight: object) -> None:
-    with pytest.raises(InputError, match="weight of l1"):
-        CompositeLoss({"mse": 1.0, "l1": weight})
-
-
-def test_an_unknown_term_is_refused_with_the_known_names() -> None:
-    with pytest.raises(InputError, match=r"mse, l1, ssim, inverse_psnr; got ms_ssim"):
-        CompositeLoss({"ms_ssim": 1.0})
-
-
-@pytest.mark.parametrize("weights", [{}, {"mse": 0.0}])
-def test_a_loss_without_terms_is_refused(weights: dict[str, float]) -> None:
-    with pytest.raises(InputError, match="at least one term"):
-        CompositeLoss(weights)
-
-
-@pytest.mark.parametrize("beta", [-0.1, 1.1, math.nan])
-def test_a_beta_that_is_no_share_is_refused(beta: float) -> None:
-    with pytest.raises(InputError, match="beta"):
-        paper_weights(beta)
-
-
-def test_images_of_two_shapes_are_refused_and_never_broadcast() -> None:
-    for weights in (paper_weights(), {"l1": 1.0}):
-        with pytest.raises(InputError, match="one shape"):
-            CompositeLoss(weights)(images(2, 3, 8, 8), images(3, 8, 8))
-
-
 SCALE = torch.ones(2, 1, 8, 8)
 
 
@@ -223,7 +194,14 @@ def test_gradients(power, mean):
     assert gradcheck(lambda each: RelativeError(power, mean)(each, truth, pictures, torch.ones(2, 1, 5, 5)), refined)
 
 
-@pytest.mark.parametrize("option", [{"power": "l7"}, {"mean": "mode"}])
-def test_what_it_cannot_be_is_refused(option):
+@pytest.mark.parametrize(
+    "weights", [{"l1": -1.0}, {"l1": math.inf}, {"ms_ssim": 1.0}, {}, {"mse": 0.0}, {"mse": math.nan}]
+)
+def test_unusable_weights_are_refused(weights):
     with pytest.raises(InputError):
-        RelativeError(**option)
+        CompositeLoss(weights)
+
+
+def test_images_of_two_shapes_are_refused_and_never_broadcast() -> None:
+    with pytest.raises(InputError):
+        CompositeLoss({"l1": 1.0})(images(2, 3, 8, 8), images(3, 8, 8))

@@ -1,7 +1,4 @@
-"""A checkpoint gives back the same network or one line that says why not; a killed write leaves the old file."""
-
-import argparse
-import os
+"""A checkpoint gives back the same network or is refused; tests/hostile has files of strangers."""
 
 import pytest
 import torch
@@ -34,19 +31,8 @@ def saved(tmp_path, network):
     return path
 
 
-def assert_refused(path, *parts):
-    """The message of the refusal, checked to be one line for people."""
-    with pytest.raises(CheckpointError) as caught:
-        checkpoint.restore(path)
-    message = str(caught.value)
-    assert "\n" not in message
-    for part in parts:
-        assert part in message
-    return message
-
-
 def test_a_restored_network_gives_the_same_stack_and_knows_its_planes(saved, network):
-    restored, planes = checkpoint.restore(str(saved))
+    restored, planes = checkpoint.restored(saved, checkpoint.read(str(saved)))
     views = torch.rand(2, 3, 2, 1, 6, 5)
     assert torch.equal(restored.eval()(views), network(views))
     assert (planes, planes.convention) == (PLANES, "parallel")
@@ -61,92 +47,38 @@ def test_training_starts_from_the_weights_of_a_file(saved, network, name):
         assert torch.equal(other.state_dict()[key], value)
 
 
-def test_training_starts_from_no_weights_of_another_shape(saved):
-    with pytest.raises(CheckpointError, match="must be"):
-        checkpoint.start(RefNet(**TINY | {"grid": (5, 5)}, normalization="batch"), saved)
-
-
 def test_entries_of_lightning_and_of_other_modules_may_stand_beside(tmp_path):
     full = contents() | {"epoch": 3, "optimizer_states": [{}], "callbacks": {}}
     full["state_dict"]["mpsnr.total"] = torch.zeros(2)
-    torch.save(full, tmp_path / "last.ckpt")
-    assert checkpoint.restore(tmp_path / "last.ckpt")[1] == PLANES
-    assert checkpoint.read(tmp_path / "last.ckpt")["epoch"] == 3
-
-
-@pytest.mark.parametrize("address", ["https://example.org/net.ckpt", "file:///tmp/net.ckpt", "s3://bucket/net.ckpt"])
-def test_an_address_is_refused(address):
-    assert_refused(address, "must be a local file", address, "download it first")
-
-
-def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    assert_refused(tmp_path / "none.ckpt", "no checkpoint at", "none.ckpt", "RUN/checkpoints")
-    assert_refused(tmp_path, "no checkpoint at")
-
-
-DAMAGED = {
-    "empty": b"",
-    "text": b"This is a text file.\nWith two lines.\n",
-    "prose": b"Dear reader, this is no checkpoint.",
-    "zip": b"PK\x03\x04" + bytes(40),
-    "noise": bytes(range(256)),
-    "png": b"\x89PNG\r\n\x1a\n" + bytes(30),
-}
-
-
-@pytest.mark.parametrize("kind", list(DAMAGED))
-def test_a_file_that_is_no_checkpoint_is_refused(tmp_path, kind):
-    path = tmp_path / "file.ckpt"
-    path.write_bytes(DAMAGED[kind])
-    assert_refused(path, "file.ckpt is damaged or no checkpoint", "train or copy it anew")
-
-
-@pytest.mark.parametrize("foreign", [{"weights": torch.zeros(2)}, [1, 2], torch.zeros(3), {"state_dict": {}}])
-def test_a_torch_file_of_someone_else_is_refused(tmp_path, foreign):
-    torch.save(foreign, tmp_path / "file.ckpt")
-    assert_refused(tmp_path / "file.ckpt", "was not written by lfref")
-
-
-def test_a_file_that_would_run_code_is_refused_unread(tmp_path):
-    class Bomb:
-        def __reduce__(self):
-            return os.mkdir, (str(tmp_path / "exploded"),)
-
-    for thing in (Bomb(), argparse.Namespace()):
-        torch.save(contents() | {"more": thing}, tmp_path / "file.ckpt")
-        message = assert_refused(tmp_path / "file.ckpt", "is damaged or no checkpoint")
-        assert "can still be loaded" not in message, "torch would advise to load it unsafely"
-    assert not (tmp_path / "exploded").exists()
+    torch.save(full, path := tmp_path / "last.ckpt")
+    read = checkpoint.read(path)
+    assert checkpoint.restored(path, read)[1] == PLANES
+    assert read["epoch"] == 3
 
 
 @pytest.mark.parametrize(
-    ("entry", "parts"),
+    "entry",
     [
-        ({"format": 3}, ("must have format 2; got 3", "update lfref")),
-        ({"format": None}, ("must have format 2",)),
-        ({"network": {"name": "unet"}}, ("must hold one of our networks; got unet",)),
-        ({"network": {}}, ("must hold one of our networks",)),
-        ({"network": {"name": "refnet", "colour": 3}}, ("describes no network", "colour")),
-        ({"network": {"name": "refnet", "widths": [3]}}, ("describes no network", "must be even")),
-        ({"planes": {"slopes": [1.0]}}, ("describes no network", "as many planes")),
-        ({"planes": {"alphas": [0.5, -1.0]}}, ("describes no network", "above 0")),
-        ({"planes": None}, ("describes no network",)),
+        {"format": 3},
+        {"network": {"name": "unet"}},
+        {"network": {}},
+        {"network": {"name": "refnet", "colour": 3}},
+        {"network": {"name": "refnet", "grid": (5, 5)}},  # weights of another shape
+        {"planes": {"slopes": [1.0]}},
+        {"planes": {"slopes": [0.5, "one"]}},
+        {"planes": None},
     ],
 )
-def test_an_entry_that_describes_nothing_we_know_is_refused(tmp_path, entry, parts):
-    torch.save(contents(**entry), tmp_path / "file.ckpt")
-    assert_refused(tmp_path / "file.ckpt", *parts)
+def test_an_entry_that_describes_nothing_we_know_is_refused(tmp_path, entry):
+    torch.save(contents(**entry), path := tmp_path / "file.ckpt")
+    with pytest.raises(CheckpointError):
+        checkpoint.restored(path, checkpoint.read(path))
 
 
-def test_weights_of_another_shape_are_refused_by_name(tmp_path):
-    other = contents()
-    other["state_dict"]["net.head.bias"] = torch.zeros(3)
-    torch.save(other, tmp_path / "file.ckpt")
-    assert_refused(tmp_path / "file.ckpt", "head.bias must be (2,); got (3,)", "train it anew")
-
-
-def test_missing_weights_are_refused_by_name(tmp_path):
-    other = contents()
-    del other["state_dict"]["net.head.weight"]
-    torch.save(other, tmp_path / "file.ckpt")
-    assert_refused(tmp_path / "file.ckpt", "head.weight must be (2, 2, 1, 1); got nothing")
+@pytest.mark.parametrize("content", [{"weights": torch.zeros(2)}, [1, 2], {"state_dict": {}}, None])
+def test_other_files_are_refused(tmp_path, content):
+    path = tmp_path / "file.ckpt"
+    if content is not None:
+        torch.save(content, path)
+    with pytest.raises(CheckpointError):
+        checkpoint.read(path)

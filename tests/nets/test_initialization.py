@@ -4,7 +4,6 @@ import copy
 import functools
 import threading
 
-import numpy as np
 import pytest
 import torch
 from torch.nn import functional as F
@@ -12,14 +11,10 @@ from torch.nn import functional as F
 from lfref.data.datamodules import SimulatedSource
 from lfref.geometry import planes_at_alphas
 from lfref.metrics.stack import Explained
-from lfref.nets import initialization
-from lfref.nets.blocks import NORMALIZATIONS
 from lfref.nets.refnet import INITIALIZATIONS, PADDINGS, RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
-
-SEEDS = range(16)
 
 
 def small(seed, **options):
@@ -29,36 +24,16 @@ def small(seed, **options):
     return network, views, torch.rand(16, 3)[None, :, :, None, None] * torch.rand(2, 16, 3, 12, 13)
 
 
-def raw(network, views):
-    """The last convolution before its ReLU, [B, N C, H, W]."""
-    return network.head(network.features(views))
-
-
-def dead(network, views):
-    """Output channels that are black on every pixel, and so never learn."""
-    return int((raw(network, views) <= 0).all(3).all(2).all(0).sum())
-
-
-def test_no_channel_is_born_dead_on_any_of_16_seeds():
-    before, after = [], []
-    for seed in SEEDS:
+def test_at_the_random_start_each_channel_has_its_labels_mean_and_none_is_dead():
+    n_dead = 0
+    for seed in range(8):
         network, views, labels = small(seed)
-        before.append(dead(network, views))
+        n_dead += int((network.head(network.features(views)) <= 0).all(3).all(2).all(0).sum())
         network.initialize(views, None, labels)
-        after.append(dead(network, views))
-    assert after == [0] * len(SEEDS)
-    # Otherwise there were nothing to cure, and this test would prove nothing.
-    assert sum(before) > 16
-
-
-@pytest.mark.parametrize("normalization", list(NORMALIZATIONS))
-def test_each_channel_starts_at_its_labels_mean_with_a_small_spread(normalization):
-    network, views, labels = small(0, normalization=normalization)
-    network.initialize(views, None, labels)
-    # As the first training step will see it.
-    deviation, mean = torch.std_mean(raw(network.train(), views), dim=(0, 2, 3))
-    torch.testing.assert_close(deviation, torch.full((48,), 0.1), atol=1e-5, rtol=0)
-    torch.testing.assert_close(mean, labels.flatten(1, 2).mean((0, 2, 3)), atol=1e-5, rtol=0)
+        deviation, mean = torch.std_mean(network.head(network.features(views)), dim=(0, 2, 3))
+        torch.testing.assert_close(deviation, torch.full((48,), 0.1), atol=1e-5, rtol=0)
+        torch.testing.assert_close(mean, labels.flatten(1, 2).mean((0, 2, 3)), atol=1e-5, rtol=0)
+    assert n_dead > 8  # otherwise there were nothing to cure
 
 
 def in_two_processes(work):
@@ -97,49 +72,6 @@ def test_parts_of_a_batch_in_two_processes_give_the_start_of_the_whole_batch(kin
             torch.testing.assert_close(value, whole.state_dict()[name], rtol=1e-4, atol=1e-5, msg=name)
 
 
-def drawn_pairs(n_features=5, n_labels=3):
-    """Features [6, F, 4, 7] of unequal spread and offset, and labels [6, K, 4, 7]."""
-    spread = torch.tensor([0.1, 1.0, 10.0, 1.0, 3.0])[:, None, None]
-    return spread * torch.randn(6, n_features, 4, 7) + spread, torch.rand(6, n_labels, 4, 7)
-
-
-def least_squares(features, labels):
-    """NumPy's weights and bias, of one system of equations over all pixels."""
-    x, y = (each.movedim(1, -1).flatten(0, -2).double().numpy() for each in (features, labels))
-    solution = np.linalg.lstsq(np.column_stack([x, np.ones(len(x))]), y, rcond=None)[0]
-    return solution[:-1].T, solution[-1]
-
-
-def test_ridge_regression_is_least_squares_in_parts_and_in_two_processes(monkeypatch):
-    monkeypatch.setattr(initialization, "RIDGE", 1e-12)
-    monkeypatch.setattr(initialization, "SAMPLES_AT_ONCE", 50)
-    pairs = drawn_pairs()
-    covariance = np.cov(pairs[0].movedim(1, 0).flatten(1).double().numpy(), bias=True)
-
-    def work(rank, total):
-        parts = [tuple(each[part] for each in pairs) for part in (slice(4 * rank, 4 * rank + 1), slice(rank + 1, 4, 2))]
-        return initialization.ridge_regression([*parts, *([[each[5:] for each in pairs]] if rank else [])], total)
-
-    first = [[each[:1] for each in pairs], [each[1:] for each in pairs]]
-    for weights, bias, of_features in (initialization.ridge_regression(first), *in_two_processes(work)):
-        for ours, theirs in zip((weights, bias), least_squares(*pairs), strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-9)
-        np.testing.assert_allclose(of_features, covariance, rtol=1e-9, atol=1e-12)
-
-
-def test_a_larger_penalty_shrinks_the_weights_and_keeps_the_mean(monkeypatch):
-    features, labels = drawn_pairs()
-    sizes = []
-    for ridge in (1e-3, 1.0, 1e6):
-        monkeypatch.setattr(initialization, "RIDGE", ridge)
-        weights, bias, _ = initialization.ridge_regression([(features, labels)])
-        sizes.append(float(weights.norm()))
-        mean = weights @ features.double().mean((0, 2, 3)) + bias
-        torch.testing.assert_close(mean, labels.double().mean((0, 2, 3)))
-    assert sizes == sorted(sizes, reverse=True)
-    assert sizes[-1] < 1e-5
-
-
 def linear_labels(views, n_planes=3, rank=3):
     """Weighted means over the 3x3 neighbourhoods of all views, each colour alike: views -> labels [B, N, C, H, W].
 
@@ -172,9 +104,8 @@ def started(views, labels, dtype=torch.float32, **options):
 @pytest.mark.parametrize(
     "options",
     [
-        *({"normalization": normalization} for normalization in NORMALIZATIONS),
-        *({"activation": activation} for activation in ("relu", "leaky_relu", "gelu", "silu", "elu")),
-        {"style": "sibling"},
+        {},
+        {"activation": "relu", "normalization": "group", "style": "sibling"},
         {"widths": (32, 18, 24)},  # convolutions on the skips
         COARSE,
         COARSE | {"stem_by_colour": True, "stem_width": 81},
@@ -264,7 +195,7 @@ CROPS = {
 }
 
 
-@pytest.mark.parametrize(("dtype", "least"), [(torch.float32, 60), (torch.float16, 50), (torch.bfloat16, 35)], ids=str)
+@pytest.mark.parametrize(("dtype", "least"), [(torch.float32, 60), (torch.bfloat16, 35)], ids=str)
 @pytest.mark.parametrize("name", CROPS)
 def test_hard_crops_give_their_own_labels(name, dtype, least):
     views = CROPS[name]
@@ -272,11 +203,3 @@ def test_hard_crops_give_their_own_labels(name, dtype, least):
     network = started(views, labels, dtype)
     assert all(bool(value.isfinite().all()) for value in network.state_dict().values())
     assert decibels(network(views.to(dtype)).float(), labels) > least
-
-
-def test_crops_that_say_nothing_about_their_labels_give_the_labels_mean():
-    labels = torch.rand(2, 2, 3, 12, 14)
-    stack = started(CROPS["constant"], labels, normalization="none")(CROPS["constant"])
-    inner = labels[..., 4:-4, 4:-4].mean((0, 3, 4), keepdim=True)
-    stack = stack[..., 1:-1, 1:-1].detach()  # gains at the frame's edge are fitted to a few pixels
-    torch.testing.assert_close(stack, inner.expand_as(stack), atol=1e-4, rtol=0)

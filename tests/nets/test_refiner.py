@@ -4,7 +4,6 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from lfref.errors import InputError
 from lfref.nets.refiner import Refiner
 
 
@@ -62,11 +61,3 @@ def test_gradients():
     net = trained(width=4, n_blocks=1).double()
     inputs = [torch.rand(1, n, 5, 6, dtype=torch.float64, requires_grad=True) for n in (7, 3, 1)]
     assert gradcheck(net, inputs)
-
-
-@pytest.mark.parametrize(
-    "option", [{"n_features": 0}, {"n_candidates": 0}, {"width": 0}, {"shuffle": 0}, {"kernel": 2}, {"n_blocks": -1}]
-)
-def test_sizes_that_make_no_network_are_refused(option):
-    with pytest.raises(InputError, match="at least 1"):
-        Refiner(**{"n_features": 7, "n_candidates": 2} | option)

@@ -5,8 +5,6 @@ import functools
 import pytest
 import torch
 
-import lfref
-from lfref.errors import InputError
 from lfref.refocus.adjoint import adjoint
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -30,9 +28,7 @@ def test_a_bright_pixel_goes_back_to_the_samples_that_it_is_the_mean_of():
     ("like", "returned"),
     [
         (torch.float64, torch.float64),
-        (torch.float32, torch.float32),
         (torch.bfloat16, torch.bfloat16),
-        (torch.uint8, torch.float32),
         (torch.uint16, torch.float32),
     ],
 )
@@ -58,29 +54,3 @@ def test_is_differentiable_in_the_stack_and_its_own_adjoint_is_the_operator():
     stack = torch.randn(3, 1, 4, 5, dtype=torch.float64, requires_grad=True)
     (forwards,) = torch.autograd.grad(adjoint(OPERATORS["exact"], stack, views), stack, views)
     torch.testing.assert_close(forwards, OPERATORS["exact"](views), atol=1e-14, rtol=0)
-
-
-@pytest.mark.parametrize("shape", [(2, 1, 4, 5), (3, 3, 4, 5), (1, 3, 1, 4, 5), (3, 1, 5, 4)])
-def test_a_stack_that_the_operator_cannot_have_made_is_refused(shape):
-    with pytest.raises(
-        InputError, match=r"must be \[3, 1, 4, 5\], as the operator returns for views \[2, 3, 1, 4, 5\]"
-    ):
-        adjoint(OPERATORS["linear"], torch.zeros(shape), torch.empty(2, 3, 1, 4, 5))
-
-
-@pytest.mark.parametrize("operator", [lfref.occlusion_aware, lfref.separable_wiener, lfref.refocus_by_layers])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_an_operator_that_estimates_disparities_is_refused(operator, dtype):
-    views = torch.rand(3, 3, 1, 32, 40, generator=torch.Generator().manual_seed(0)).to(dtype)
-    stack = torch.rand(2, 1, 32, 40, generator=torch.Generator().manual_seed(1)).to(dtype)
-    with pytest.raises(InputError, match=r"must be linear .*bind what it would estimate"):
-        adjoint(functools.partial(operator, slopes=[-0.3, 0.4]), stack, views)
-
-
-def test_an_operator_without_gradients_is_refused():
-    with pytest.raises(InputError, match=r"must be linear .*without gradients"):
-        adjoint(
-            lambda views: lfref.shift_and_sum(views, SLOPES).detach(),
-            torch.rand(3, 1, 8, 9),
-            torch.empty(2, 2, 1, 8, 9),
-        )

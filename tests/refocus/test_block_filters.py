@@ -68,17 +68,6 @@ def test_priors_are_the_disparities_in_and_around_a_block():
     assert float(shares[1, 0]) > float(shares[1, 1]) > 0.1
 
 
-def test_planes_near_a_block_are_filtered_and_others_are_not():
-    views = layered_views(0.4, 0.4, (48, 48))[0].float()
-    aperture = torch.full(views.shape[:2], 1 / 49).double()
-    slopes = torch.tensor([0.4, 0.4 + module.NEAR - module.FADE / 2, 0.4 + module.NEAR + 0.01, -3.0]).double()
-    prior = Energies(torch.tensor([0.4]).double(), torch.ones(1).double())
-    pictures = refocus_by_blocks(views, slopes, torch.full((48, 48), 0.4), prior, aperture)
-    assert pictures.stack.shape == (4, 3, 48, 48)
-    assert pictures.nearness[:, 0, 20, 20].tolist() == pytest.approx([1, 0.5, 0, 0], abs=1e-5)
-    assert not pictures.stack[2:].any()
-
-
 def test_of_one_surface_blocks_and_the_whole_field_give_the_same():
     views = layered_views(0.4, 0.4, (64, 64))[0].float()
     aperture = torch.full(views.shape[:2], 1 / 49).double()

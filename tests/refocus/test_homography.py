@@ -75,24 +75,7 @@ def test_views_of_weight_0_need_no_matrix():
     assert torch.equal(homography(views, matrices, weights=weights), expected)
 
 
-def grid_of(matrix: list[list[float]]) -> Tensor:
-    return torch.tensor(matrix).repeat(3, 3, 1, 1)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"matrices": torch.eye(3)}, r"matrices must be \[3, 3, 3, 3\] or \[N, 3, 3, 3, 3\]; got shape \[3, 3\]"),
-        ({"matrices": torch.eye(3).repeat(3, 2, 1, 1)}, "matrices must be"),
-        ({"matrices": torch.zeros(0, 3, 3, 3, 3)}, "matrices must be"),
-        ({"matrices": grid_of([[1, 0, math.nan], [0, 1, 0], [0, 0, 1]])}, "matrices must be finite"),
-        ({"matrices": grid_of([[1, 0, 0], [2, 0, 0], [0, 0, 1]])}, "matrices must be invertible"),
-        ({"matrices": torch.zeros(3, 3, 3, 3)}, "matrices must be invertible"),
-        ({"matrices": -grid_of([[1, 0, 0], [0, 1, 0], [0, 0, 1]]), "border": "edge"}, "sign -1"),
-        ({"matrices": grid_of([[1, 0, 99], [0, 1, 0], [0, 0, 1]])}, "at least one view must have a sample"),
-    ],
-)
-def test_bad_arguments_are_refused(change, message):
-    arguments = {"views": torch.rand(3, 3, 1, 10, 10), "matrices": torch.eye(3).repeat(3, 3, 1, 1)} | change
-    with pytest.raises(InputError, match=message):
-        homography(**arguments)
+@pytest.mark.parametrize("matrices", [torch.eye(3), torch.eye(3).repeat(3, 2, 1, 1), torch.zeros(0, 3, 3, 3, 3)])
+def test_matrices_of_another_shape_are_refused(matrices):
+    with pytest.raises(InputError):
+        homography(torch.rand(3, 3, 1, 10, 10), matrices)

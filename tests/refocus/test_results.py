@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.refocus.disparity.disparity_map import depth_order, disparity_map
+from lfref.refocus.disparity.disparity_map import disparity_map
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
@@ -54,14 +54,8 @@ def reduced() -> tuple[Tensor, ...]:
     return coarse.disparity, coarse.confidence, slope_range.on_surfaces(coarse).float(), torch.tensor(ends)
 
 
-def ordered() -> tuple[Tensor, Tensor, Tensor]:
-    disparity, confidence = disparity_map(views())[:2]
-    order = depth_order(views(), disparity, confidence)
-    return disparity, confidence, torch.tensor([float(order)])
-
-
 RESULTS = {
-    "disparity": ordered,
+    "disparity": lambda: tuple(disparity_map(views())),
     "slope range": reduced,
     "cells": lambda: (shift_and_sum_through_cells(views(), SLOPES),),
     "layers": lambda: (refocus_by_layers(views(), SLOPES),),

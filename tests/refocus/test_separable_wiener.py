@@ -6,7 +6,6 @@ import pytest
 import torch
 from torch.nn import functional as F
 
-from lfref.errors import InputError
 from lfref.refocus import apertures, axis_filters, batches
 from lfref.refocus import separable_wiener as module
 from lfref.refocus.fourier.disparity_layers import Energies, estimate_energies
@@ -99,20 +98,3 @@ def test_wide_baselines_are_no_worse_than_a_sum_through_cells(operator, mean_gai
     gain = psnr(ours, made.truth, 24) - psnr(cells, made.truth, 24)
     assert float(gain.min()) > -0.3
     assert float(gain.mean()) > mean_gain
-
-
-def test_bad_arguments_are_refused():
-    views = torch.rand(3, 3, 1, 20, 20)
-    with pytest.raises(InputError, match="less than half"):
-        separable_wiener(views, [15.0])
-    with pytest.raises(InputError, match="symmetric about both axes"):
-        separable_wiener(views, [0.3], weights=torch.arange(9.0).reshape(3, 3))
-    with pytest.raises(InputError, match="less than half"):
-        separable_wiener(views, [0.3], disparities=[15.0])
-
-
-def test_a_view_that_is_read_although_its_weight_is_0_must_be_finite():
-    views, weights = torch.rand(3, 3, 1, 24, 26), torch.ones(3, 3)
-    weights[1, 1], views[1, 1, 0, 5, 5] = 0, torch.nan
-    with pytest.raises(InputError, match=r"views must be finite; got NaN or infinity"):
-        separable_wiener(views, [0.3], weights=weights)

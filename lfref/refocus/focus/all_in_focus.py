@@ -19,7 +19,6 @@ column from the angular centre, `p q` position in a view along y and x, `d` disp
 Source: Nayar, Nakagawa, "Shape from Focus", 1994; its Gaussian peak is the parabola through log E.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -84,12 +83,9 @@ def all_in_focus(stack: Tensor, radius: float = 2.0) -> AllInFocus:
         >>> image.shape, index.shape
         (torch.Size([3, 48, 64]), torch.Size([48, 64]))
     """
-    if stack.ndim < 4 or 0 in stack.shape:
-        raise InputError("a stack must be [..., N, C, H, W] with no axis empty", got=f"shape {list(stack.shape)}")
-    if not stack.is_floating_point():
-        raise InputError("a stack must be floating point", got=stack.dtype, remedy="scale integers to [0, 1]")
-    if not (math.isfinite(radius) and radius >= 0):
-        raise InputError("radius must be finite and at least 0, in pixels", got=radius)
+    if stack.ndim < 4 or not stack.is_floating_point() or not radius >= 0:
+        expected = "a stack must be floating point, [..., N, C, H, W], and the radius at least 0"
+        raise InputError(expected, got=f"{stack.dtype}, {list(stack.shape)} and {radius}")
     planes = stack.reshape(-1, *stack.shape[-4:])
     working, floor = batches.working_dtype(stack.dtype), ROUNDING * stack.shape[-3]
     # One plane at a time keeps the working set small.
@@ -123,21 +119,13 @@ def index_to_slope(index: Tensor, slopes: Slopes) -> Tensor:
 
     Returns:
         Slopes in pixels per view step, linear between the planes, in the type and shape of the index.
-
-    Raises:
-        InputError: The slopes are not finite, or neither rise nor fall throughout; an index of integers.
     """
-    if not index.is_floating_point():
-        raise InputError("index must be floating point", got=index.dtype)
-    # A grid of one view shifts nothing: only the numbers are checked.
-    planes = geometry.checked_slopes(slopes, (1, 1), (1, 1))
+    planes = geometry.as_slopes(slopes)
     steps = planes.diff()
-    if not (bool((steps > 0).all()) or bool((steps < 0).all())):
-        raise InputError("slopes must rise or fall throughout", got=planes.tolist(), remedy="sort the planes")
     if len(planes) == 1:
         return planes.to(index).expand_as(index)
     inside = index.clamp(0, len(steps))
-    below = inside.detach().nan_to_num().long().clamp(max=len(steps) - 1)
+    below = inside.detach().long().clamp(max=len(steps) - 1)
     return planes.to(index)[below] + (inside - below) * steps.to(index)[below]
 
 

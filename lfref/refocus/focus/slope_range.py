@@ -117,10 +117,7 @@ class ReducedViews:
 def reduce_views(
     views: Tensor, weight: Tensor | None = None, positions: Tensor | None = None, pixels: int = PIXELS
 ) -> ReducedViews:
-    """Choose views of a light field [V, U, C, H, W] and reduce them to about so many pixels.
-
-    The weight [V, U, 1, H, W] is the trust in each sample; positions [V, U, 2] are those of the cameras.
-    """
+    """Choose views of a light field [V, U, C, H, W] and reduce them to about so many pixels."""
     height, width = views.shape[-2:]
     factor = min(max(1, round((height * width / pixels) ** 0.5)), height, width)
     cameras = (
@@ -169,10 +166,7 @@ def _cross(present: Tensor, cameras: Tensor) -> list[tuple[int, int]]:
 
 
 def _evened(pictures: Tensor, weights: Tensor, steps: Tensor) -> Tensor:
-    """Pictures divided by their smooth gain over the first one, where that is too uneven to be parallax.
-
-    Vignetting and exposure would look like motion of shading.
-    """
+    """Pictures divided by their smooth gain over the first one, where that is too uneven to be parallax."""
     # The gain is 1 + a quadratic polynomial, fitted on blocks, weighted by the light.
     size = min(pictures.shape[1], 8), min(pictures.shape[2], 12)
     low, sure = (F.adaptive_avg_pool2d(maps[:, None], size)[:, 0] for maps in (pictures, weights))
@@ -226,9 +220,13 @@ class SlopeFit(NamedTuple):
 @torch.no_grad()
 def disparity_of_reduced(reduced: ReducedViews) -> CoarseDisparity:
     """Disparity and confidence at the reference of reduced views: a sweep over all slopes, then over their range."""
-    first = _first_sweep(reduced)
+    nothing = torch.zeros(reduced.pictures.shape[1:])
+    if len(reduced.indices) < 2 or min(nothing.shape) < 2:
+        return CoarseDisparity(nothing, nothing, reduced.factor, nothing.bool())
+    smaller = smallest(reduced)
+    first = as_disparity(widest_fit(smaller), smaller.factor)
     if not bool(first.confidence.any()):
-        return _nothing(reduced)
+        return CoarseDisparity(nothing, nothing, reduced.factor, nothing.bool())
     sure = first.confidence >= min(SURE, float(first.confidence.quantile(0.8)))
     low, high = (first.disparity[sure].quantile(torch.tensor([0.005, 0.995])) / reduced.factor).tolist()
     low, high = _with_far_surfaces(reduced, low, high)
@@ -252,20 +250,6 @@ def _ends(coarse: CoarseDisparity, sure: Tensor) -> tuple[float, float] | None:
     # A bin of few pixels is noise: of 12,000 pixels, 12 are needed.
     filled = bins[counts >= max(FEWEST, sure.numel() // 1000)]
     return (float(filled[0]) * BIN, float(filled[-1]) * BIN) if len(filled) else None
-
-
-@torch.no_grad()
-def _first_sweep(reduced: ReducedViews) -> CoarseDisparity:
-    """Over all slopes, on the smallest views."""
-    if len(reduced.indices) < 2 or min(reduced.pictures.shape[1:]) < 2:
-        return _nothing(reduced)
-    smaller = smallest(reduced)
-    return as_disparity(widest_fit(smaller), smaller.factor)
-
-
-def _nothing(reduced: ReducedViews) -> CoarseDisparity:
-    empty = torch.zeros(reduced.pictures.shape[1:])
-    return CoarseDisparity(empty, empty, reduced.factor, empty.bool())
 
 
 def smallest(reduced: ReducedViews) -> ReducedViews:
@@ -426,10 +410,9 @@ class DisparityRange(NamedTuple):
 
 @torch.no_grad()
 def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> DisparityRange | None:
-    """The range in which methods look for the disparities of a light field [V, U, C, H, W], wherever its cameras stand.
+    """The range in which methods look for the disparities of a light field [V, U, C, H, W]; None: nothing shows any.
 
-    Small surfaces count too, and there is room for what reduced views do not show, so the range is wider than that of
-    `slope_range`. None: nothing shows how far away anything is. Views of weight 0 [V, U] are not read.
+    Small surfaces count too, and there is room for what reduced views do not show.
     """
     shape = (*views.shape[:2], 1, *views.shape[-2:])
     weight = None if weights is None else (weights > 0).float()[:, :, None, None, None].expand(shape)

@@ -27,9 +27,8 @@ def focal_stack_transform(
 ) -> Tensor:
     """Refocus light fields at evenly spaced slopes, the views taken as periodic.
 
-    Equals `exact_fourier` at `geometry.even_slopes`, and is faster only for many views and planes: on one core, for
-    3x128x128, never with 7x7 views (1.4 times the time), with 13x13 from some 50 planes, with 17x17 from some 12
-    (0.7 times the time at 64).
+    Equals `exact_fourier` at `geometry.even_slopes`, and is faster only for many views and planes: never with 7x7
+    views, with 13x13 from some 50 planes, with 17x17 from some 12.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].

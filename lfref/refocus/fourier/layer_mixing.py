@@ -13,7 +13,6 @@ Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `h w`
 frequencies, `m n` spectra, `T` terms of the matrices, `b c` batch and channel.
 """
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -22,7 +21,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.errors import InputError, chosen
+from lfref.errors import chosen
 from lfref.functional import fft_lengths
 from lfref.refocus.fourier import exact
 
@@ -79,13 +78,6 @@ def cell_response(distances: Tensor, fill: float, size: tuple[int, int]) -> Matr
     """c at each distance [m, n], for cells `fill` view steps wide; otherwise as `aperture_response`."""
     frequencies = exact.frequencies(size[0]), exact.half_frequencies(size[1])
     return Matrices(*(torch.sinc(fill * distances[..., None, None] * k) for k in frequencies))
-
-
-def checked_fill(fill: float) -> float:
-    """The width of a view's cell in view steps; an InputError unless it is finite and at least 0."""
-    if not (math.isfinite(fill) and fill >= 0):
-        raise InputError("fill must be finite and at least 0, in view steps", got=fill)
-    return float(fill)
 
 
 class Frame(NamedTuple):

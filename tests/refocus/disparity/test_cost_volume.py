@@ -7,10 +7,9 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.functional import neighbours, splines
+from lfref.functional import splines
 from lfref.refocus.disparity import cost_volume
 from lfref.refocus.disparity.cost_volume import grey_views
-from tests.refocus.conftest import shifted_views, texture
 
 
 def of(views):
@@ -73,21 +72,6 @@ def test_detail_keeps_fine_texture_and_little_of_shading_and_steps():
         kept.append((detail[8:-8].max() - detail[8:-8].min()) / float(light[8:-8].max() - light[8:-8].min()))
     assert kept[0] > 0.85
     np.testing.assert_allclose(kept[1:], 1 - cost_volume.SHADING, rtol=0.05)
-
-
-@pytest.mark.parametrize("deviation", [0.003, 0.02])
-def test_noise_is_measured_but_for_what_interpolation_averages_out(deviation):
-    views = shifted_views(neighbours.smoothed(texture(1, 64, 72), 1.5), 0.3, (5, 5)).float()
-    noisy = views + deviation * torch.randn(views.shape, generator=torch.Generator().manual_seed(2))
-    noise = cost_volume.noise(of(noisy), torch.linspace(-0.5, 0.5, 21))
-    assert 0.6 * deviation < noise < 1.1 * deviation
-
-
-def test_the_spread_is_twice_the_noise_that_of_8_bits_and_the_error_of_slopes():
-    ramp = 0.02 * torch.arange(20.0) + 0.01 * torch.arange(18.0)[:, None]
-    torch.testing.assert_close(cost_volume.steepness(ramp), torch.full((18, 20), 5e-4), atol=1e-7, rtol=0)
-    spread = cost_volume.spread(of(ramp.expand(3, 3, 1, 18, 20)), 0.003)
-    torch.testing.assert_close(spread, torch.full((18, 20), 2 * 0.003**2 + 6e-4**2 + 0.05**2 * 5e-4), rtol=1e-4, atol=0)
 
 
 def test_views_of_weight_0_are_not_read_and_others_must_be_finite():

@@ -66,11 +66,6 @@ def test_a_plane_comes_back_to_thousandths_borders_included(disparity, off):
     assert float(error.quantile(0.98)) < 0.03
 
 
-def test_flat_views_keep_their_disparity():
-    known = torch.full((20, 22), 0.4)
-    torch.testing.assert_close(refined(torch.full((3, 3, 1, 20, 22), 0.5), known), known, atol=1e-5, rtol=0)
-
-
 @pytest.mark.parametrize("noise", [0.005, 0.06])
 def test_noise_of_each_view_is_not_taken_for_information(noise):
     still = plane(0.3, (7, 7))

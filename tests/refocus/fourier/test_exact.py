@@ -1,7 +1,5 @@
 """Exact refocusing against interpolation by matrices; its filters against circular convolutions, summed up."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
@@ -106,13 +104,3 @@ def test_a_shifted_cosine_is_the_cosine_read_at_x_plus_shift(length, shift):
         wave = torch.cos(2 * torch.pi * cycles * x / length + 0.4)
         expected = torch.cos(2 * torch.pi * cycles * (x + shift) / length + 0.4)
         torch.testing.assert_close(shifted(wave, shift), expected, atol=1e-12, rtol=0)
-
-
-def test_the_nyquist_bin_is_the_mean_of_both_its_signs():
-    wave = torch.tensor([1.0, -1.0], dtype=torch.float64).repeat(4)
-    for shift in (0.25, 0.5, 1.0):
-        torch.testing.assert_close(shifted(wave, shift), wave * math.cos(math.pi * shift), atol=1e-15, rtol=0)
-    for frequencies in (exact.frequencies(8), exact.half_frequencies(8)):
-        phases = exact.shift_phases(frequencies, torch.tensor([0.3, -2.2], dtype=torch.float64))
-        assert bool((phases.imag[:, 4] == 0).all())
-        assert bool((phases.imag[:, 1:4] != 0).all())

