@@ -78,13 +78,10 @@ def normalised_mse(prediction: Tensor, target: Tensor, data_range: float = 1.0) 
 
 def image_pair(prediction: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
     """Both images in one type, float32 or wider; an InputError unless they are comparable."""
-    if prediction.shape != target.shape:
-        raise InputError("prediction and target must have one shape", got=f"{prediction.shape} and {target.shape}")
-    if prediction.ndim < 3 or prediction.numel() == 0:
-        raise InputError("images must be [..., C, H, W] and not empty", got=list(prediction.shape))
-    if not (prediction.is_floating_point() and target.is_floating_point()):
-        remedy = "convert to float and scale first, 8-bit images by 1/255"
-        raise InputError("images must be floating point", got=f"{prediction.dtype} and {target.dtype}", remedy=remedy)
+    is_real = prediction.is_floating_point() and target.is_floating_point()
+    if prediction.shape != target.shape or prediction.ndim < 3 or prediction.numel() == 0 or not is_real:
+        got = " and ".join(f"{list(images.shape)} of {images.dtype}" for images in (prediction, target))
+        raise InputError("images must be [..., C, H, W], of one shape, not empty and floating point", got=got)
     common = working_type(prediction, target)
     return prediction.to(common), target.to(common)
 

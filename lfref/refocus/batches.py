@@ -43,10 +43,10 @@ def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     if weights is None:
         return torch.full(tuple(grid), 1 / (grid[0] * grid[1]), dtype=torch.float64)
     values = _as_numbers(weights)
-    if tuple(values.shape) != tuple(grid):
-        raise InputError(f"weights must be {list(grid)}, one for each view", got=f"shape {list(values.shape)}")
-    if not bool(values.isfinite().all()) or bool((values < 0).any()) or float(values.sum()) <= 0:
-        raise InputError("weights must be finite, >= 0 and not all zero", got=f"a sum of {float(values.sum()):g}")
+    is_usable = bool(values.isfinite().all()) and bool((values >= 0).all()) and float(values.sum()) > 0
+    if tuple(values.shape) != tuple(grid) or not is_usable:
+        expected = f"weights must be finite, >= 0 and not all zero, one for each view, {list(grid)}"
+        raise InputError(expected, got=f"shape {list(values.shape)}, sum {float(values.sum()):g}")
     # Divided by the largest first: the sum of huge weights is infinite.
     values = values / values.max()
     return values / values.sum()
@@ -98,10 +98,7 @@ def check_finite(views: Tensor, remedy: str = "mend the file") -> None:
 
 
 def radiance(views: Tensor) -> Tensor:
-    """Views of any shape as float32 or float64, integers scaled to [0, 1].
-
-    Operators call it on a part of the field at a time, so that integer views need no float copy of the whole.
-    """
+    """Views of any shape as float32 or float64, integers scaled to [0, 1]; operators call it on parts of a field."""
     if views.dtype in FULL_SCALE:
         return views.to(torch.float32).div_(FULL_SCALE[views.dtype])
     return views.to(working_dtype(views.dtype))
@@ -185,10 +182,9 @@ def even(grid: tuple[int, int]) -> Tensor:
 def checked_positions(positions: Tensor, grid: tuple[int, int]) -> Tensor:
     """The positions as float64 on the CPU, [V, U, 2]."""
     values = _as_numbers(positions)
-    if tuple(values.shape) != (*grid, 2):
-        raise InputError(f"positions must be {[*grid, 2]}, (v, u) of each view", got=f"shape {list(values.shape)}")
-    if not bool(values.isfinite().all()):
-        raise InputError("positions must be finite, in view steps", got="NaN or infinity")
+    if tuple(values.shape) != (*grid, 2) or not bool(values.isfinite().all()):
+        expected = f"positions must be finite, (v, u) of each view in view steps, {[*grid, 2]}"
+        raise InputError(expected, got=f"shape {list(values.shape)}")
     return values
 
 

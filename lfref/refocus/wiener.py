@@ -27,7 +27,7 @@ from lfref import geometry
 from lfref.functional import fft_lengths
 from lfref.refocus import batches
 from lfref.refocus.fourier import exact
-from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites
+from lfref.refocus.wiener_filters import Prior, filters, opposites
 
 TAIL = 12
 """Pixels that filters reach beyond the shifts of the views."""
@@ -50,7 +50,7 @@ def refocus_jointly(field: Tensor, planes: Tensor, prior: Prior, aperture: Tenso
     table = field.new_empty(len(planes), grid[0] * grid[1], side, side // 2 + 1)
     for place, plane in zip(table, factors, strict=True):
         place.copy_(plane)
-    return _filtered(field[None].flatten(1, 2), opposites(grid), table, side, margin)[0]
+    return _filtered(field[None].flatten(1, 2), table, side, margin)[0]
 
 
 def _side(margin: int, size: tuple[int, int]) -> int:
@@ -64,7 +64,7 @@ def _side(margin: int, size: tuple[int, int]) -> int:
     return min((side for side in sides if side > 2 * margin + 8), key=work)
 
 
-def _filtered(views: Tensor, pairs: Pairs, table: Tensor, side: int, margin: int) -> Tensor:
+def _filtered(views: Tensor, table: Tensor, side: int, margin: int) -> Tensor:
     """Sums [B, N, C, H, W] of views [B, V U, C, H, W], filtered in squares by the `filters` of all planes.
 
     Of each square of `side` pixels, `margin` pixels at each border are read but not written.
@@ -79,8 +79,8 @@ def _filtered(views: Tensor, pairs: Pairs, table: Tensor, side: int, margin: int
         for first in range(0, counts[1], n_squares):
             last = min(first + n_squares, counts[1])
             left = first * step - margin
-            spectra = _spectra(views, pairs, (row * step - margin, left), last - first, side, step)
-            total = _mixed(spectra.flatten(1, 3), table, len(pairs.first))
+            spectra = _spectra(views, (row * step - margin, left), last - first, side, step)
+            total = _mixed(spectra.flatten(1, 3), table, opposites(views.shape[1])[0])
             total = total.unflatten(1, spectra.shape[1:4]).transpose(0, 1)
             inner = torch.fft.irfft2(total, s=(side, side))[..., margin : side - margin, margin : side - margin]
             place = stack[..., row * step : (row + 1) * step, first * step : last * step]
@@ -89,7 +89,7 @@ def _filtered(views: Tensor, pairs: Pairs, table: Tensor, side: int, margin: int
     return stack
 
 
-def _spectra(views: Tensor, pairs: Pairs, corner: tuple[int, int], n_squares: int, side: int, step: int) -> Tensor:
+def _spectra(views: Tensor, corner: tuple[int, int], n_squares: int, side: int, step: int) -> Tensor:
     """Spectra of sums of opposite views, of the central view, and of differences, [V U, B, C, T, side, side // 2 + 1].
 
     T squares lie side by side, `step` pixels apart, the first pixel of the first one at `corner` of the views
@@ -107,15 +107,15 @@ def _spectra(views: Tensor, pairs: Pairs, corner: tuple[int, int], n_squares: in
         squares = padded.unfold(-1, side, step).movedim(-2, -3)
         spectra[first : first + mixed.shape[1]] = torch.fft.rfft2(squares).transpose(0, 1)
 
-    n_sums = len(pairs.first)
+    n_sums, n_pairs = opposites(n_views)
     n_at_once = max(1, MIXED_AT_ONCE // (n_fields * n_channels * side * width))
-    for first in range(0, pairs.n_pairs, n_at_once):
-        last = min(first + n_at_once, pairs.n_pairs)
+    for first in range(0, n_pairs, n_at_once):
+        last = min(first + n_at_once, n_pairs)
         one, other = within[:, first:last], within[:, n_views - last : n_views - first].flip(1)
         transform(one + other, first)
         transform(one - other, n_sums + first)
-    if pairs.n_pairs < n_sums:
-        transform(within[:, pairs.n_pairs : n_sums], pairs.n_pairs)
+    if n_pairs < n_sums:
+        transform(within[:, n_pairs:n_sums], n_pairs)
     return spectra
 
 

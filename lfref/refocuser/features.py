@@ -61,8 +61,6 @@ FEATURES = (
     *("picture", "inner", "spread", "defocus", "relief", "coverage", "fraction", "views", "error_scale", "noise"),
 )
 """Names of all features."""
-WIDE = {"defocus": 2, "relief": 2}
-"""Channels of features that have more than one, besides the candidates and `picture`."""
 PLAIN_SUM = functools.partial(shift_and_sum, interpolation="cubic")
 """What `sum`, `inner` and `spread` are measured by."""
 
@@ -98,12 +96,10 @@ class RefinerInputs(NamedTuple):
 
 def check_names(names: Sequence[str], n_candidates: int = 0) -> None:
     """Refuse unknown features, and a first `n_candidates` of them that are no candidates."""
-    if unknown := [name for name in names if name not in FEATURES]:
-        raise InputError(f"features must be among {', '.join(FEATURES)}", got=", ".join(map(str, unknown)))
     first = tuple(names)[:n_candidates]
-    if len(first) < n_candidates or not set(first) <= set(CANDIDATES):
-        expected = f"the first {n_candidates} features must be among {', '.join(CANDIDATES)}"
-        raise InputError(expected, got=first, remedy="order the features of the recipe, or set net.n_candidates")
+    if not set(names) <= set(FEATURES) or len(first) < n_candidates or not set(first) <= set(CANDIDATES):
+        expected = f"features must be among {', '.join(FEATURES)}, the first {n_candidates} of them candidates"
+        raise InputError(expected, got=names, remedy=f"candidates are {', '.join(CANDIDATES)}")
 
 
 def refiner_inputs(

@@ -39,16 +39,6 @@ def test_shape_and_type_follow_the_example_which_need_hold_no_data(like, returne
     assert (back.shape, back.dtype, back.device.type) == ((2, 3, 1, 4, 5), returned, "cpu")
 
 
-@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
-def test_works_where_gradients_are_switched_off(mode):
-    views, stack = torch.empty(2, 3, 1, 4, 5), torch.randn(3, 1, 4, 5)
-    expected = adjoint(OPERATORS["exact"], stack, views)
-    with mode():
-        back = adjoint(OPERATORS["exact"], stack.clone(), views)
-    assert torch.equal(back, expected)
-    assert not back.requires_grad
-
-
 def test_is_differentiable_in_the_stack_and_its_own_adjoint_is_the_operator():
     views = torch.randn(2, 3, 1, 4, 5, dtype=torch.float64)
     stack = torch.randn(3, 1, 4, 5, dtype=torch.float64, requires_grad=True)

@@ -19,24 +19,6 @@ from lfref.refocus.surface import per_pixel, tilt_shift
 from tests.refocus.conftest import dirichlet
 from tests.refocus.slow import slow_shift_and_sum
 
-PLAIN = torch.rand(2, 3)
-
-
-@pytest.mark.parametrize("transform", [torch.func.vmap, torch.func.grad, torch.compile])
-def test_tensors_that_are_being_transformed_are_for_pytorch(transform):
-    answers = []
-
-    def read(tensor):
-        answers.append(batches.is_compiled(tensor))
-        return tensor.sum()
-
-    if transform is torch.compile:
-        torch.compile(read, backend="eager")(PLAIN)
-    else:
-        transform(read)(PLAIN)
-    assert answers == [False]
-
-
 GRID, SIZE, SLOPES = (3, 4), (14, 17), [-1.3, 0.0, 0.41, 1.0]
 
 
@@ -125,17 +107,6 @@ def test_all_that_take_cameras_anywhere_agree(kind):
         shift_and_sum_through_cells(still, slopes, positions=positions),
         shift_and_sum(still, slopes, "cubic", positions=positions),
     )
-
-
-@pytest.mark.parametrize("operator", [shift_and_sum, functools.partial(tilt_shift, tilt=(0.02, -0.01)), exact_fourier])
-def test_rows_and_columns_taken_from_a_finer_grid_are_that_grid_with_the_others_closed(operator):
-    views = torch.rand(9, 9, 3, 40, 48)
-    rows, columns = torch.tensor([0, 1, 4, 5, 8]), torch.tensor([0, 3, 4, 7])
-    is_open = torch.zeros(9, 9)
-    is_open[rows[:, None], columns] = 1
-    positions = batches.even((9, 9))[rows[:, None], columns]
-    stack = operator(views[rows[:, None], columns], [-1.7, 0.3], positions=positions)
-    torch.testing.assert_close(stack, operator(views, [-1.7, 0.3], weights=is_open), atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("values", [[[1e-300] * 3] * 2, [[1e308] * 3] * 2, [[1.0, 2, 3], [0, 1e-6, 5]]])

@@ -91,12 +91,12 @@ def kernels(n_planes, n_views):
     return values + values.flip(1, 2, 3)
 
 
-def factors(filters, grid, side):
+def factors(filters, side):
     """What `_filtered` takes, of filters in pixels."""
-    both = opposites(grid)
+    n_sums, n_pairs = opposites(filters.shape[1])
     padding = side - filters.shape[-1]
     spectra = torch.fft.rfft2(F.pad(filters, (0, padding, 0, padding)).roll((-MARGIN, -MARGIN), (-2, -1)))
-    return torch.cat([spectra[:, : len(both.first)].real, spectra[:, : both.n_pairs].imag], 1)
+    return torch.cat([spectra[:, :n_sums].real, spectra[:, :n_pairs].imag], 1)
 
 
 def convolved(views, filters):
@@ -113,6 +113,6 @@ def convolved(views, filters):
 def test_squares_of_any_side_make_the_convolution(side, grid, size):
     views = torch.randn(2, grid[0] * grid[1], 3, *size, dtype=torch.float64)
     filters = kernels(2, grid[0] * grid[1])
-    made = module._filtered(views, opposites(grid), factors(filters, grid, side), side, MARGIN)
+    made = module._filtered(views, factors(filters, side), side, MARGIN)
     assert made.shape == (2, 2, 3, *size)
     torch.testing.assert_close(made, convolved(views, filters), atol=1e-11, rtol=0)

@@ -50,7 +50,7 @@ def by_least_squares(known, slopes, grid, aperture, k):
 
 def of_views(factors, grid):
     """Complex factors of the views [N, V U, ...] from those of sums and differences of opposite ones."""
-    n_first = len(opposites(grid).first)
+    n_first, _ = opposites(grid[0] * grid[1])
     sums, differences = factors[:, :n_first].numpy(), factors[:, n_first:].numpy()
     first = sums.astype(complex)
     first[:, : differences.shape[1]] += 1j * differences

@@ -124,18 +124,6 @@ def test_noise_is_what_the_mean_of_the_views_keeps_of_it():
         assert float(noise.mean()) == pytest.approx(float(made["pictures"].std()), rel=tolerance)
 
 
-def test_smoothed_candidates_are_binomial_filters_of_each_other():
-    made, kernel = of(surface()), torch.tensor([0.25, 0.5, 0.25])
-    before = made["pictures"]
-    for apart, name in zip((1, 2, 4), ("fine", "middle", "coarse"), strict=True):
-        sparse = torch.zeros(2 * apart + 1)
-        sparse[::apart] = kernel
-        padded = torch.nn.functional.pad(before, (apart,) * 4, mode="replicate")
-        filtered = torch.nn.functional.conv2d(padded, (sparse[:, None] * sparse).expand(3, 1, -1, -1), groups=3)
-        torch.testing.assert_close(made[name], candidate(filtered, made["pictures"], made["unit"]), atol=0.02, rtol=0)
-        before = filtered
-
-
 def test_everywhere_is_the_picture_of_the_separable_wiener_estimate():
     slopes, light = torch.tensor([-0.33, 6.0], dtype=torch.float64), surface()
     made = of(light, slopes, CELLS)

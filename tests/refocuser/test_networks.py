@@ -227,10 +227,3 @@ def test_a_checkpoint_brings_method_options_and_features_along(refined, tmp_path
 def test_checkpoints_that_describe_nothing_are_one_line(tmp_path, changes):
     with pytest.raises(CheckpointError):
         load(written(tmp_path / "net.ckpt", refiner(), changes=changes))
-
-
-def test_weights_alone_refocus_as_their_checkpoint_does(tmp_path):
-    path = written(tmp_path / "net.ckpt", refiner())
-    checkpoint.write_weights(tmp_path / "net.safetensors", checkpoint.read(path), {"command": "lfref train"})
-    views = torch.rand(3, 3, 3, 20, 22)
-    assert torch.equal(load(tmp_path / "net.safetensors")(views, SLOPES), load(path)(views, SLOPES))

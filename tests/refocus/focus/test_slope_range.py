@@ -46,12 +46,6 @@ def test_views_lie_on_a_cross_through_the_centre(grid, reference, count):
         assert sorted(reduced.along(axis).indices) == expected
 
 
-def test_where_the_cross_is_missing_diagonals_are_read():
-    weight = torch.eye(5)[:, :, None, None, None].expand(5, 5, 1, 96, 120)
-    assert set(reduce_views(plane(0.5) * weight, weight).indices) == {(k, k) for k in range(5)}
-    assert error(coarse(plane(0.5) * weight, weight), 0.5) < 0.03
-
-
 def test_smooth_gains_are_taken_out_and_parallax_is_left():
     views = shifted_views(texture(1, 96, 120), 0.5, (5, 5)) + 0.2
     gain = 1 - 0.3 * torch.linspace(-1, 1, 120).square() * torch.arange(-2, 3)[:, None, None, None].square() / 4

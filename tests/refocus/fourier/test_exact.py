@@ -89,18 +89,3 @@ def test_equals_the_slow_reference(size, grid):
     stack = exact.filter_and_sum(views, *factors, weights)
     expected = slow_filter_and_sum(views.numpy(), *taps, weights.numpy())
     np.testing.assert_allclose(stack.numpy(), expected, atol=1e-12)
-
-
-def shifted(signal, shift):
-    phases = exact.shift_phases(exact.half_frequencies(len(signal)), torch.tensor(shift, dtype=torch.float64))
-    return torch.fft.irfft(torch.fft.rfft(signal) * phases, n=len(signal))
-
-
-@pytest.mark.parametrize("length", [9, 10])
-@pytest.mark.parametrize("shift", [0.0, 0.3, -1.7, 4.0, 123.25])
-def test_a_shifted_cosine_is_the_cosine_read_at_x_plus_shift(length, shift):
-    x = torch.arange(length, dtype=torch.float64)
-    for cycles in range((length + 1) // 2):
-        wave = torch.cos(2 * torch.pi * cycles * x / length + 0.4)
-        expected = torch.cos(2 * torch.pi * cycles * (x + shift) / length + 0.4)
-        torch.testing.assert_close(shifted(wave, shift), expected, atol=1e-12, rtol=0)

@@ -142,15 +142,6 @@ def test_strips_of_two_planes_span_a_range(width):
     assert seen.high > 0.3
 
 
-def test_views_of_weight_0_are_not_looked_at():
-    views, weights = smooth_views(1.0), torch.ones(7, 7)
-    weights[3, 1:4], weights[0, 3] = 0, 0
-    expected = disparity_range(views, weights)
-    assert expected.middle == pytest.approx(1.0, rel=0.25)
-    for rubbish in (torch.nan, 7.0):
-        assert disparity_range(torch.where(weights[..., None, None, None] > 0, views, rubbish), weights) == expected
-
-
 def test_disparities_are_per_step_wherever_cameras_stand():
     views, stand = smooth_views(0.5, (9, 9)), batches.even((9, 9))
     taken = (torch.tensor([0, 1, 4, 6, 8])[:, None], torch.tensor([0, 3, 4, 5, 8]))

@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from lfref.functional import loops
 from lfref.refocus import batches
 from lfref.refocus.shift import shift_numba, shift_plan, shift_torch
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -50,14 +49,6 @@ def test_rows_are_read_where_they_lie_without_leaving_the_memory_of_the_views(sh
     views = memory[100 : 100 + torch.Size(shape).numel()].view(shape).copy_(torch.rand(shape))
     slopes = [0.0, 0.3, -0.4] if shape[4] < 9 else [0.0, -1.7, 0.9]
     torch.testing.assert_close(*both(views, slopes), atol=1e-6, rtol=0)
-
-
-@pytest.mark.parametrize("n_threads", [2, 20])
-def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
-    views = torch.rand(2, 3, 3, 1, 17, 20)
-    alone, _ = both(views)
-    monkeypatch.setattr(loops, "worthwhile", lambda *_: n_threads)
-    assert torch.equal(both(views)[0], alone)
 
 
 def test_derivatives_are_taken_by_eager_operations(monkeypatch):
