@@ -290,32 +290,76 @@ def add_items(
                     _filter_along_y(middle, rows[k, item, v], result[item, c])
 
 
-# Sums of a fixed number of products, which the compiler writes out and makes vectors of.
-
-
 @loops.compiled
 def _filter_along_x(
     pixels: NDArray, top: np.uint64, left: np.uint64, taps: NDArray, total: NDArray
 ) -> None:  # pragma: no cover - compiled
-    """Add filtered pixels from a corner on to a total [rows, LANES].
+    """Add filtered pixels from a corner on to a total [rows, LANES], which is read and written once for all taps.
 
     The corner is unsigned: indices that might be negative would count from the end, and keep the loop from vectors.
     """
+    t0, t1, t2, t3, t4, t5, t6, t7 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5], taps[6], taps[7]
+    t8, t9, t10, t11, t12, t13, t14, t15 = taps[8], taps[9], taps[10], taps[11], taps[12], taps[13], taps[14], taps[15]
     for row in range(len(total)):
         y = top + np.uint64(row)
         for lane in range(LANES):
-            x, value = left + np.uint64(lane), total[row, lane]
-            for k in range(SPAN):
-                value += taps[k] * pixels[y, x + np.uint64(k)]
-            total[row, lane] = value
+            x = left + np.uint64(lane)
+            part0 = (
+                t0 * pixels[y, x + np.uint64(0)]
+                + t1 * pixels[y, x + np.uint64(1)]
+                + t2 * pixels[y, x + np.uint64(2)]
+                + t3 * pixels[y, x + np.uint64(3)]
+            )
+            part1 = (
+                t4 * pixels[y, x + np.uint64(4)]
+                + t5 * pixels[y, x + np.uint64(5)]
+                + t6 * pixels[y, x + np.uint64(6)]
+                + t7 * pixels[y, x + np.uint64(7)]
+            )
+            part2 = (
+                t8 * pixels[y, x + np.uint64(8)]
+                + t9 * pixels[y, x + np.uint64(9)]
+                + t10 * pixels[y, x + np.uint64(10)]
+                + t11 * pixels[y, x + np.uint64(11)]
+            )
+            part3 = (
+                t12 * pixels[y, x + np.uint64(12)]
+                + t13 * pixels[y, x + np.uint64(13)]
+                + t14 * pixels[y, x + np.uint64(14)]
+                + t15 * pixels[y, x + np.uint64(15)]
+            )
+            total[row, lane] += (part0 + part1) + (part2 + part3)
 
 
 @loops.compiled
 def _filter_along_y(rows: NDArray, taps: NDArray, total: NDArray) -> None:  # pragma: no cover - compiled
     """Add filtered rows [rows, LANES] to a total [BLOCK, LANES]."""
+    t0, t1, t2, t3, t4, t5, t6, t7 = taps[0], taps[1], taps[2], taps[3], taps[4], taps[5], taps[6], taps[7]
+    t8, t9, t10, t11, t12, t13, t14, t15 = taps[8], taps[9], taps[10], taps[11], taps[12], taps[13], taps[14], taps[15]
     for row in range(len(total)):
         for lane in range(LANES):
-            value = total[row, lane]
-            for k in range(SPAN):
-                value += taps[k] * rows[row + k, lane]
-            total[row, lane] = value
+            part0 = (
+                t0 * rows[row + 0, lane]
+                + t1 * rows[row + 1, lane]
+                + t2 * rows[row + 2, lane]
+                + t3 * rows[row + 3, lane]
+            )
+            part1 = (
+                t4 * rows[row + 4, lane]
+                + t5 * rows[row + 5, lane]
+                + t6 * rows[row + 6, lane]
+                + t7 * rows[row + 7, lane]
+            )
+            part2 = (
+                t8 * rows[row + 8, lane]
+                + t9 * rows[row + 9, lane]
+                + t10 * rows[row + 10, lane]
+                + t11 * rows[row + 11, lane]
+            )
+            part3 = (
+                t12 * rows[row + 12, lane]
+                + t13 * rows[row + 13, lane]
+                + t14 * rows[row + 14, lane]
+                + t15 * rows[row + 15, lane]
+            )
+            total[row, lane] += (part0 + part1) + (part2 + part3)

@@ -8,8 +8,8 @@ over k <= 0.4, to 0.009 over k <= 0.3. (A box over cubic interpolation, with as 
 Where the width differs from pixel to pixel, a few widths (levels) are computed and each pixel blends two: off by at
 most 0.02 over k <= 0.4 up to w = 8, and by 0.0015 in the mean over a natural picture's spectrum.
 
-`box_planes` blurs finished planes by compiled loops, `boxed` and `blurred` by PyTorch. Beyond its edge a plane goes on
-by the border rule. Where only samples count it is black there, and so is its coverage: the blurred sum
+`blurred` and `box_planes` blur finished planes: on the CPU by compiled loops, elsewhere by PyTorch. Beyond its edge a
+plane continues by the border rule. Where only samples count it is black there, and so is its coverage: the blurred sum
 over the blurred coverage is the mean of what there is. Every sample under a box has a tap: a running sum would drift,
 and would save little at the widths that slopes lead to.
 Letters: `s` slope and `d` disparity in pixels per view step, `w` width in samples, `k` frequency in cycles per sample
@@ -149,6 +149,8 @@ def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | No
     """Planes [B, N, C, H, W] blurred by boxes [B or 1, N, H, W] of signed widths; 0 without coverage [N, H, W]."""
     places = place(widths.to(stack.dtype).square())
     covered = coverage.to(stack) if border.counts_only_samples and coverage is not None else None
+    if batches.is_compiled(stack, places):
+        return blurred_numba(stack, places, border, covered)
     planes = []
     for n, own in enumerate(places.unbind(1)):
         if covered is None:
@@ -247,6 +249,39 @@ def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: 
     loops.share(work, jobs, loops.worthwhile(stack.size, 1 << 16))  # samples from which one more thread pays
 
 
+def blurred_numba(stack: Tensor, places: Tensor, border: Border, covered: Tensor | None) -> Tensor:
+    """As `blurred` on the CPU, by compiled loops; `places` are the widths as places among the levels."""
+    planes, shares = stack.detach().contiguous().numpy(), places.detach().to(stack).contiguous().numpy()
+    levels = [spanned(plane) for plane in places.unbind(1)]
+    boxes = {
+        level: _box(width(level), border, planes.shape[-2:], planes.dtype) for level in set(itertools.chain(*levels))
+    }
+    n_threads = loops.worthwhile(planes.size, 1 << 16)
+    coverage = np.ones((len(levels), 1, 1), planes.dtype) if covered is None else covered.numpy()
+    factors, total = np.ones(shares.shape, planes.dtype), np.empty(planes.shape, planes.dtype)
+    real = planes.dtype.type  # whole numbers would make the loop compute in float64
+
+    def blend(image: NDArray, b: int, n: int) -> NDArray:
+        result = np.zeros_like(image)
+        for level in levels[n]:
+            box = boxes[level]
+            _add_level(image, box, shares[b, n], real(level), real(1), result, _workspace(image, box))
+        return result
+
+    def weigh(b: int, n: int) -> None:
+        weight = torch.from_numpy(blend(coverage[n], b, n))
+        factors[b, n] = inverse(torch.from_numpy(coverage[n]), weight).numpy()
+
+    def work(b: int, n: int, c: int) -> None:
+        own = b % len(shares)
+        np.multiply(blend(planes[b, n, c] * coverage[n], own, n), factors[own, n], out=total[b, n, c])
+
+    if covered is not None:
+        loops.share(weigh, itertools.product(*map(range, shares.shape[:2])), n_threads)
+    loops.share(work, itertools.product(*map(range, planes.shape[:3])), n_threads)
+    return torch.from_numpy(total)
+
+
 @functools.lru_cache(maxsize=256)
 def _box(width: float, border: Border, size: tuple[int, int], working: np.dtype) -> Box:
     weights = taps(width)
@@ -281,6 +316,23 @@ def _blur(image: Reals, box: Box, factors: Reals, kinds: Integers, work: Workspa
             result, row_factors = image[r], factors[kinds[r]]
             for x in range(result.size):
                 result[x] = work.total[x] * row_factors[x]
+
+
+@compiled
+def _add_level(image: Reals, box: Box, places: Reals, level: float, unit: float, total: Reals, work: Workspace) -> None:
+    """Blur a plane by the box of a level, and add its share to the pixels whose place is less than 1 from it."""
+    for y in range(-box.radius, image.shape[0] + box.radius):
+        _blur_along(y, image, box, work)
+        r = y - box.radius
+        if r >= 0:
+            result, row = total[r], places[r]
+            n_blended = 0  # most rows blend few of the levels: those without any pixel are left out
+            for x in range(row.size):
+                n_blended += abs(row[x] - level) < unit
+            if n_blended > 0:
+                _blur_down(r, box, work)
+                for x in range(result.size):
+                    result[x] += max(unit - abs(row[x] - level), unit - unit) * work.total[x]
 
 
 @inlined

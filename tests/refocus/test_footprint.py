@@ -103,11 +103,12 @@ def test_equals_eager_at_any_size(height, width, box, border):
     torch.testing.assert_close(boxed_numba(stack, [box], border), expected, atol=1e-12, rtol=0)
 
 
+@pytest.mark.parametrize("n_maps", [1, 2])
 @pytest.mark.parametrize("border", list(BORDERS))
-def test_each_pixel_blends_the_two_nearest_levels(border):
-    images, places = torch.rand(2, 2, 19, 33, dtype=torch.float64), torch.full((1, 19, 33), 2.25, dtype=torch.float64)
-    places[..., 20:] = 5
-    low, high, other = (footprint.boxed(images, footprint.width(level), BORDERS[border]) for level in (2, 3, 5))
-    blended = footprint.blended(images, places, BORDERS[border])
-    torch.testing.assert_close(blended[..., :20], (0.75 * low + 0.25 * high)[..., :20], atol=1e-12, rtol=0)
-    torch.testing.assert_close(blended[..., 20:], other[..., 20:], atol=1e-12, rtol=0)
+def test_maps_equal_eager(border, n_maps):
+    stack = torch.rand(2, 3, 2, 19, 33, dtype=torch.float64)
+    places = 6 * torch.rand(n_maps, 3, 19, 33, dtype=torch.float64)
+    places[:, 1] = 0
+    expected = [footprint.blended(stack[:, n], places[:, n], BORDERS[border]) for n in range(3)]
+    blended = footprint.blurred_numba(stack, places, BORDERS[border], None)
+    torch.testing.assert_close(blended, torch.stack(expected, dim=1), atol=1e-12, rtol=0)
