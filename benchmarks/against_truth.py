@@ -17,8 +17,7 @@ from torch import Tensor
 import lfref
 from lfref.bench.evaluation import IDEAL
 from lfref.bench.timing import FFT
-from lfref.report import accuracy_time as accuracy_time_plot
-from lfref.report import bench_plots, disparity_colours, tables
+from lfref.report import pictures, plots, tables
 from lfref.simulator import sim30
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "figures"
@@ -32,13 +31,13 @@ DIFFERENCE: dict[str, Any] = {"cmap": "magma", "norm": LogNorm(1e-4, 0.1)}
 def accuracy_time() -> Figure:
     """The front of the scenes without a sensor's effects."""
     rows = tables.read_table(BENCH)
-    return accuracy_time_plot.accuracy_time(rows[(rows["class"] == IDEAL) | (rows["method"] == FFT)])
+    return plots.front(rows[(rows["class"] == IDEAL) | (rows["method"] == FFT)])
 
 
 def causes() -> Figure:
     """Cost of each cause of error, and gains of the remedies."""
     rows = tables.read_table(CAUSES)
-    return bench_plots.error_causes(rows, panels_at=(0.125, 2.0))
+    return plots.error_causes(rows, panels_at=(0.125, 2.0))
 
 
 def cells() -> Figure:
@@ -73,7 +72,7 @@ def disparity() -> Figure:
         ("disparity_map", estimate.disparity),
         ("truth", truth),
     ]
-    style = {"vmin": scenes.FAR, "vmax": scenes.NEAR, "cmap": disparity_colours.MAP}
+    style = {"vmin": scenes.FAR, "vmax": scenes.NEAR, "cmap": pictures.MAP}
     return sheets.sheet(cells, bar="disparity, px per view step", **style)
 
 

@@ -80,7 +80,9 @@ def test_the_code_of_the_page_on_the_simulator_runs_as_written():
 
 @pytest.mark.slow
 def test_all_pictures_of_the_pages_are_drawn(tmp_path):
-    subprocess.run([sys.executable, ROOT / "benchmarks" / "pictures.py", "--output", tmp_path], check=True, cwd=tmp_path)
+    subprocess.run(
+        [sys.executable, ROOT / "benchmarks" / "pictures.py", "--output", tmp_path], check=True, cwd=tmp_path
+    )
     drawn = {path.name for path in tmp_path.iterdir()}
     linked = {name for page in PAGES for name in re.findall(r"\(pictures/(.*?)\)", page.read_text("utf-8"))}
     linked.remove("refnet_capture.jpg")  # benchmarks/weights.py draws it of a capture that is no part of lfref

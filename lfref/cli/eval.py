@@ -22,7 +22,7 @@ from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser, name_apart
-from lfref.report import answers, comparison, crops, drawing, pictures, plots, tables
+from lfref.report import answers, crops, drawing, pictures, plots, tables
 from lfref.report.answers import Answer
 from lfref.report.refocused import mean_of_views
 
@@ -65,7 +65,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     def write(name: str, result: tuple[LightField, dict[str, Tensor], dict[str, Tensor]]) -> None:
         field, stacks, labels = result
         shown = stacks | {f"label: {label}": stack for label, stack in labels.items()}
-        figure = comparison.comparison(shown, planes, mean_of_views(field))
+        figure = plots.comparison(shown, planes, mean_of_views(field))
         picture = folder / "comparison" / f"{name}.png"
         drawing.save_figure(figure, picture)
         # Rows are written after the picture, so that a killed run leaves no light field in the table without one.
@@ -87,7 +87,6 @@ def evaluate(config: DictConfig, folder: Path) -> None:
             raise
         failure = error  # raised after the table of the others
     table = pd.DataFrame(rows)
-    tables.require(table)
     summary = accuracy.summaries(table)
     summary["is_network"] = summary["method"].isin([method.name for method in methods if method.is_network])
     tables.write_table(folder / "summary.csv", summary)
@@ -95,7 +94,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     if not tables.judged_by_others(summary).empty:
         if summary["light_field"].nunique() > 1:  # of one light field the table says all
             drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
-        drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
+        drawing.save_figure(plots.by_plane(table, ("psnr_db", "ssim")), folder / "quality_by_plane.png")
     if running:
         loggers.log_evaluation(running, summary, table, folder)
     if (answer := answers.of_evaluation(summary, table)) is not None:

@@ -93,8 +93,8 @@ def test_a_run_goes_on_with_those_that_failed_and_with_new_ones(lfref, captures,
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("format=bmp",), "format must be one of png, jpg"),
-        (("bits=12",), "bits of png must be 8 or 16"),
+        (("format=bmp",), "picture.bmp"),
+        (("bits=12",), "picture.png"),
         (("quality=0",), "quality must be a number"),
     ],
 )

@@ -99,7 +99,7 @@ def test_the_mean_of_views_explains_nothing_and_is_the_plainest_point(lfref, tmp
 def test_the_log_has_the_answer_and_crops_show_where_ours_is_worst(front):
     _, folder = front("test_scenes=[stripes,graded]", "scene.camera.size=[32,40]", "margin=4", "aliased=true")
     answer = answers.of_bench(*(read_table(folder / f"{name}.csv") for name in ("bench", "scenes")))
-    assert (answer.kind, len(answer.scores)) == ("ideal", 2)
+    assert answer.kind == "ideal"
     assert answer.sentence in (folder / "bench.log").read_text()
     shown = crops.read(folder, answer)
     assert len(shown) == 5

@@ -28,6 +28,5 @@ def test_time_and_growth_of_operators_are_measured(lfref, tmp_path):
     assert measured == {(name, axis) for name in KEPT for axis in ("pixels", "views", "planes")}
     assert len(table(folder / "scaling.csv")) == 2 * len(measured)
     assert json.loads((folder / "machine.json").read_text())["repeats"] == 1
-    assert all((folder / picture).stat().st_size > 1000 for picture in ("operators.png", "scaling.png"))
     assert lfref("report", f"output={tmp_path}/page", f"runs=[{folder}]")[0] == 0
     assert "Costs of operators" in (tmp_path / "page" / "index.html").read_text()
