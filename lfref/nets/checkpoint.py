@@ -155,5 +155,5 @@ def compare(path: str | Path, network: nn.Module, weights: Mapping[str, Tensor])
     """Refuse weights that do not fit a network."""
     for name, own in network.state_dict().items():
         got: Any = tuple(weights[name].shape) if name in weights else "nothing"
-        if got != tuple(own.shape):
-            raise CheckpointError(f"{path}: {name} must be {tuple(own.shape)}", got=got, remedy="train it anew")
+        if got != tuple(own.shape) or weights[name].is_floating_point() != own.is_floating_point():
+            raise CheckpointError(f"{path}: {name} must be {tuple(own.shape)}, {own.dtype}", got=got)
