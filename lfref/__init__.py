@@ -24,7 +24,6 @@ _HOMES = {
     "focal_stack_transform": "lfref.refocus.fourier.focal_stack_transform",
     "disparity_layers": "lfref.refocus.fourier.disparity_layers",
     "refocus_by_layers": "lfref.refocus.fourier.disparity_layers",
-    "wiener": "lfref.refocus.wiener",
     "separable_wiener": "lfref.refocus.separable_wiener",
     "occlusion_aware": "lfref.refocus.occlusion_aware",
     "tilt_shift": "lfref.refocus.surface",

@@ -30,8 +30,8 @@ from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, exported, load
-from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
+from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, Exported, load
+from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, refiner_entry
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 
 Axes = tuple[int | str, ...]
@@ -59,7 +59,7 @@ class Graph(NamedTuple):
     output: Axes
     example: tuple[Tensor, ...]
     description: dict[str, Any]
-    """Plain values from which `load.exported` makes a refocuser."""
+    """Plain values from which `load.Exported` makes a refocuser."""
 
     @property
     def free_axes(self) -> tuple[dict[int, Any], ...]:
@@ -262,13 +262,13 @@ def _write_pt2(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refoc
     program._guards_code.clear()
     torch.export.save(program, path, extra_files={DESCRIPTION: json.dumps(graph.description)})
     module = program.module()
-    return exported(lambda views: module(views), graph.description)
+    return Exported(lambda views: module(views), graph.description)
 
 
 def _write_weights(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refocuser:
     if isinstance(refocuser, RefinedRefocuser):
         module: nn.Module = refocuser.refiner
-        entry = refocuser.entry()
+        entry = refiner_entry(refocuser.refiner, refocuser.base, refocuser.names)
     elif isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None:
         module = refocuser.network
         entry = checkpoint.payload(refocuser.network, refocuser.planes, refocuser.is_linear is not False)

@@ -1,13 +1,12 @@
 """Inner loops compiled by Numba, without the interpreter's lock, so that plain threads can share the work (`share`).
 
 Machine code is kept for later runs. Numba itself notices changes in the file of a loop, but not in other files that the
-loop uses: a digest of all these files is the stamp of the machine code.
+loop uses: the sources of this part of the package are the stamp of the machine code.
 """
 
 import functools
 import hashlib
 import itertools
-import re
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,42 +17,18 @@ import torch
 
 LANES = 16
 """Number of values that loops process together: a register of 512 bits holds as many float32."""
-
-IMPORT = re.compile(r"^[ \t]*(?:from +([\w.]+) +import +(\([^)]*\)|[^(\n]*)|import +([\w.]+))", re.MULTILINE)
-
-
-@functools.cache
-def digest(file: Path, package: Path) -> str:
-    """SHA-256 of a module's source and of all that it imports from its package, directly or not.
-
-    Args:
-        file: The module's file.
-        package: Folder of its package; imports from elsewhere do not count.
-    """
-    files = [file]
-    for known in files:  # the list grows meanwhile
-        files += [other for other in imported(known, package) if other not in files]
-    return hashlib.sha256(b"".join(sorted(path.read_bytes() for path in files))).hexdigest()
+PACKAGE = Path(__file__).parents[1]
 
 
 @functools.cache
-def imported(file: Path, package: Path) -> list[Path]:
-    """Files in the folder `package` that one of its files imports directly, at its top or inside functions."""
-    files: dict[Path, None] = {}
-    for origin, names, whole in IMPORT.findall(file.read_text(encoding="utf-8")):
-        for module in (whole or origin, *(f"{origin}.{name}" for name in re.findall(r"\w+", names))):
-            if module.split(".")[0] == package.name:
-                path = package.parent / module.replace(".", "/")
-                files |= dict.fromkeys((path.with_suffix(".py"), path / "__init__.py"))
-    return [path for path in files if path.is_file()]
+def stamp(part: Path) -> str:
+    """SHA-256 of all sources in a folder and in this one: its loops use loops and constants of these."""
+    files = sorted({*part.rglob("*.py"), *Path(__file__).parent.glob("*.py")})
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def compiling(**options: object) -> Callable[[Callable], Callable]:
-    """A decorator that compiles a function, and keeps the machine code for later runs if a folder can be written.
-
-    Args:
-        **options: Further options of `numba.njit`.
-    """
+    """A decorator that compiles a function, with options of `numba.njit`, and keeps the machine code if it can."""
 
     def decorate(function: Callable) -> Callable:
         jit = functools.partial(
@@ -64,8 +39,8 @@ def compiling(**options: object) -> Callable[[Callable], Callable]:
         except RuntimeError:  # neither the package's folder nor the user's folder can be written
             return jit()(function)
         file = Path(function.__code__.co_filename).resolve()
-        package = file.parents[max(function.__module__.count(".") - 1, 0)]
-        loop._cache._cache_file._source_stamp = digest(file, package)
+        part = next((folder for folder in file.parents if folder.parent == PACKAGE), file.parent)
+        loop._cache._cache_file._source_stamp = stamp(part)
         return loop
 
     return decorate
@@ -79,12 +54,7 @@ before it compiles; inlined by the compiler (`forceinline`) they are compiled tw
 
 
 def worthwhile(size: int, worth_a_thread: int) -> int:
-    """Number of threads for work of some size: at least 1, at most PyTorch's number of threads.
-
-    Args:
-        size: Size of the work.
-        worth_a_thread: Size from which one more thread saves more than it costs.
-    """
+    """Threads for work of some size, each worth so much of it: at least 1, at most PyTorch's number of threads."""
     return max(1, min(torch.get_num_threads(), size // worth_a_thread))
 
 
@@ -94,13 +64,7 @@ def bands(length: int, n_bands: int) -> list[tuple[int, int]]:
 
 
 def share(work: Callable[..., None], jobs: Iterable[tuple[Any, ...]], n_threads: int) -> None:
-    """Do all jobs, each once, in any order; errors of `work` are raised here.
-
-    Args:
-        work: Function that does one job.
-        jobs: Arguments of each job.
-        n_threads: Number of threads at work, including the calling thread.
-    """
+    """Do all jobs, each once, in any order, in so many threads, the calling one among them; errors are raised here."""
     waiting = list(jobs)
     n_others, queue = min(n_threads, len(waiting)) - 1, iter(waiting)
 

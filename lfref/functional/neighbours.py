@@ -12,12 +12,7 @@ from torch.nn import functional as F
 
 
 def box_mean(images: Tensor, window: int) -> Tensor:
-    """Mean of a square around each pixel; near the border, the square ends where the picture ends.
-
-    Args:
-        images: Images in floating point, [..., H, W].
-        window: Pixels along the side of the square, odd.
-    """
+    """Mean of a square of `window` (odd) pixels about each pixel of images [..., H, W]; it ends at their border."""
     for axis in (-2, -1):
         sums, counts = images.clone(), images.new_ones(images.shape[axis])
         ones = counts.clone()
@@ -29,12 +24,7 @@ def box_mean(images: Tensor, window: int) -> Tensor:
 
 
 def box_max(images: Tensor, window: int) -> Tensor:
-    """Largest value of a square around each pixel; near the border, the square ends where the picture ends.
-
-    Args:
-        images: Images in floating point, [..., H, W].
-        window: Pixels along the side of the square, odd.
-    """
+    """Largest value of a square of `window` (odd) pixels about each pixel of images [..., H, W]."""
     reach = window // 2
     for axis, beyond in ((-2, (0, 0, reach, reach)), (-1, (reach, reach))):
         images, span = F.pad(images, beyond, value=torch.finfo(images.dtype).min), 1
@@ -48,12 +38,7 @@ def box_max(images: Tensor, window: int) -> Tensor:
 
 
 def binomial(images: Tensor, apart: int = 1) -> Tensor:
-    """Half of each pixel plus a quarter of each of its two neighbours, across and down; edge pixels repeat.
-
-    Args:
-        images: Images in floating point, [..., H, W].
-        apart: Distance of the neighbours in pixels.
-    """
+    """Half of each pixel plus a quarter of two neighbours `apart` from it, across and down; edge pixels repeat."""
     for axis in (-2, -1):
         smooth, beyond = images / 2, min(apart, images.shape[axis])
         _add(smooth, images, apart, axis, 0.25)
@@ -73,12 +58,7 @@ def _add(sums: Tensor, images: Tensor, apart: int, axis: int, share: float = 1.0
 
 
 def smoothed(images: Tensor, sigma: float) -> Tensor:
-    """Gaussian local means; edge pixels repeat beyond the edge.
-
-    Args:
-        images: Images, [B, H, W].
-        sigma: Standard deviation of the window in pixels, >= 0.
-    """
+    """Local means of images [B, H, W] under a Gaussian of `sigma` pixels; edge pixels repeat beyond the edge."""
     if sigma == 0:
         return images
     half_width = math.ceil(3 * sigma)

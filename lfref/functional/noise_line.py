@@ -55,12 +55,9 @@ def measure(field: LightField) -> tuple[float, float]:
 
 
 def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean light of all blocks of pictures, [M], and their power at F high frequencies, [M, F].
+    """Mean light of all blocks of pictures [B, H, W], [M], and their power at F high frequencies, [M, F].
 
     Power is scaled so that white noise has its variance as power.
-
-    Args:
-        pictures: Pictures of at least 10 x 10 pixels, [B, H, W].
     """
     inner = pictures[:, 1:-1, 1:-1]
     n_down, n_across = inner.shape[1] // BLOCK, inner.shape[2] // BLOCK
@@ -119,10 +116,7 @@ def _lowest(values: Tensor, share: float) -> Tensor:
 def fitted_line(light: Tensor, variance: Tensor, counts: Tensor) -> tuple[Tensor, Tensor]:
     """(a, b), both at least 0, of the line a x + b that fits the lowest variances: texture only adds variance.
 
-    Args:
-        light: Levels of light, float64, [n].
-        variance: At each level, [n].
-        counts: 1, or 0 for levels that do not count, [n].
+    Of levels of light [n], those with a count of 0 do not count.
     """
     scale = (counts * variance).amax(0).clamp(min=torch.finfo(torch.float32).tiny)
     relative = variance / scale

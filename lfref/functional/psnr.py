@@ -19,18 +19,7 @@ _K = math.log(10) / 10
 
 
 def mse(prediction: Tensor, target: Tensor) -> Tensor:
-    """Mean squared error of each image, accumulated in float64 so that no float32 square under- or overflows.
-
-    Args:
-        prediction: Images, [..., C, H, W].
-        target: Images of the same shape.
-
-    Returns:
-        Mean squared errors in squared units of the images, at least 0, float64, [...].
-
-    Raises:
-        InputError: The images are not comparable (see `image_pair`).
-    """
+    """Mean squared error of each image, [...], in float64, so that no float32 square under- or overflows."""
     prediction, target = image_pair(prediction, target)
     return (prediction.double() - target.double()).square().mean((-3, -2, -1))
 
@@ -58,20 +47,7 @@ def psnr(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
 
 
 def inverse_psnr(prediction: Tensor, target: Tensor, data_range: float = 1.0, floor: float = 1e-10) -> Tensor:
-    """1 / PSNR of each image, the paper's psi_2, continued to where PSNR is infinite, zero or negative.
-
-    Args:
-        prediction: Images, [..., C, H, W].
-        target: Images of the same shape.
-        data_range: Difference between white and black, finite and above 0.
-        floor: Normalised mean squared error below which the tangent is followed, (0, e^-2).
-
-    Returns:
-        Inverse PSNR in 1/dB, above 0, float32 or the images' wider type, [...].
-
-    Raises:
-        InputError: The images are not comparable, or data_range or floor is not usable.
-    """
+    """1 / PSNR of each image in 1/dB, [...], the paper's psi_2, continued to where PSNR is infinite or not above 0."""
     m = normalised_mse(prediction, target, data_range)
     return inverse_psnr_of_mse(m, floor).to(working_type(prediction, target))
 
@@ -80,17 +56,7 @@ def inverse_psnr_of_mse(m: Tensor, floor: float = 1e-10) -> Tensor:
     """1 / PSNR as a function of the normalised mean squared error: -K / ln m between floor and e^-2, K = ln(10)/10.
 
     Outside, the tangent at the nearer end continues it: once differentiable at the floor, twice at e^-2 (8.69 dB),
-    where -K / ln m has its inflection. Positive and strictly increasing for every m >= 0.
-
-    Args:
-        m: Mean squared error over the squared data range, at least 0, any shape; float64 keeps it exact.
-        floor: Lower end of the paper's form, (0, e^-2); 1e-10 is 100 dB.
-
-    Returns:
-        Inverse PSNR in 1/dB, the type and shape of `m`.
-
-    Raises:
-        InputError: The floor lies outside (0, e^-2).
+    where -K / ln m has its inflection. Positive and strictly increasing for every m >= 0; float64 keeps it exact.
     """
     if not 0 < floor < _JOIN:
         raise InputError(f"floor must lie between 0 and e^-2 = {_JOIN:.4g}", got=floor, remedy="1e-10 is 100 dB")
@@ -111,22 +77,11 @@ def normalised_mse(prediction: Tensor, target: Tensor, data_range: float = 1.0) 
 
 
 def image_pair(prediction: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
-    """Both images in one type, float32 or wider, after a check that they are comparable.
-
-    Args:
-        prediction: Images, [..., C, H, W].
-        target: Images of the same shape, on the same device.
-
-    Raises:
-        InputError: The shapes differ, an axis is missing or empty, or the numbers are not real floating point.
-    """
-    if prediction.shape != target.shape:
-        raise InputError("prediction and target must have one shape", got=f"{prediction.shape} and {target.shape}")
-    if prediction.ndim < 3 or prediction.numel() == 0:
-        raise InputError("images must be [..., C, H, W] and not empty", got=list(prediction.shape))
-    if not (prediction.is_floating_point() and target.is_floating_point()):
-        remedy = "convert to float and scale first, 8-bit images by 1/255"
-        raise InputError("images must be floating point", got=f"{prediction.dtype} and {target.dtype}", remedy=remedy)
+    """Both images in one type, float32 or wider; an InputError unless they are comparable."""
+    is_real = prediction.is_floating_point() and target.is_floating_point()
+    if prediction.shape != target.shape or prediction.ndim < 3 or prediction.numel() == 0 or not is_real:
+        got = " and ".join(f"{list(images.shape)} of {images.dtype}" for images in (prediction, target))
+        raise InputError("images must be [..., C, H, W], of one shape, not empty and floating point", got=got)
     common = working_type(prediction, target)
     return prediction.to(common), target.to(common)
 

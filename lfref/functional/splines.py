@@ -61,12 +61,9 @@ Fraction = TypeVar("Fraction", float, Tensor)
 
 
 def weights(t: Fraction) -> tuple[Fraction, Fraction, Fraction, Fraction]:
-    """Keys's weights of the samples at -1, 0, 1 and 2 for a position t between 0 and 1.
+    """Keys's weights of the samples at -1, 0, 1 and 2 for a position t between 0 and 1, a number or a tensor.
 
     His parameter a is -1/2, the value that reproduces quadratics.
-
-    Args:
-        t: A number, also within a compiled loop, or a tensor of any shape.
     """
     return (
         -0.5 * t + t**2 - 0.5 * t**3,

@@ -10,8 +10,8 @@ which keeps the digits that 1 minus a number near 1 loses. Window and borders ar
 and rounded once, also under autocast: in a flat plane, the equal rounding errors of all pixels add up.
 
 From top to bottom: the public functions; values and derivatives of planes for PyTorch (`plane_values`; `formula`
-computes the same by PyTorch's own operations, for GPUs and second derivatives); the compiled loops, which work row by
-row so that intermediate results stay in the caches.
+computes the same by PyTorch's own operations, for GPUs); the compiled loops, which work row by row so that intermediate
+results stay in the caches.
 """
 
 import functools
@@ -75,7 +75,7 @@ def one_minus_ssim(prediction: Tensor, target: Tensor, data_range: float = 1.0) 
 
 
 def plane_values(x: Tensor, y: Tensor, C1: float, C2: float) -> Tensor:
-    """1 - SSIM of each plane of x and y [P, H, W] with stabilisers C1 and C2; float64, [P], differentiable twice."""
+    """1 - SSIM of each plane of x and y [P, H, W] with stabilisers C1 and C2; float64, [P], differentiable once."""
     if x.device.type != "cpu":
         return formula(x, y, C1, C2)
     needs_gradient = [torch.is_grad_enabled() and planes.requires_grad for planes in (x, y)]
@@ -116,10 +116,7 @@ def _compiled(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bo
 
     def work(first: int, last: int) -> None:
         x_part, y_part, *outputs = (array[first:last] for array in (*pair, values, *gradients))
-        if for_x or for_y:
-            set_values_and_gradients(x_part, y_part, tables, *outputs)
-        else:
-            set_values(x_part, y_part, tables, outputs[0])
+        set_values_and_gradients(x_part, y_part, tables, *outputs)
 
     # A thread computes whole planes, so the number of threads changes no digit. One more pays from 2^17 pixels on.
     n_threads = min(loops.worthwhile(x.numel(), 1 << 17), max(len(x), 1))
@@ -146,46 +143,18 @@ class _Values(torch.autograd.Function):
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor, Tensor]) -> None:
-        x, y, *ctx.constants = inputs[:4]
         ctx.mark_non_differentiable(*output[1:])
         ctx.set_materialize_grads(False)
-        ctx.save_for_backward(x, y, *output[1:])
-
-    @staticmethod
-    def backward(ctx: Any, weights: Tensor | None, *_: None) -> Any:
-        if weights is None:
-            return (None,) * 6
-        gradients = _Gradients.apply(*ctx.saved_tensors, weights, *ctx.constants)
-        pairs = zip(gradients, ctx.needs_input_grad, strict=False)
-        return *(gradient if needed else None for gradient, needed in pairs), None, None, None, None
-
-
-class _Gradients(torch.autograd.Function):
-    """The compiled gradients times the weight of each plane; `formula` gives their derivatives (rarely needed)."""
-
-    @staticmethod
-    def forward(
-        x: Tensor, y: Tensor, g_x: Tensor, g_y: Tensor, weights: Tensor, C1: float, C2: float
-    ) -> tuple[Tensor, Tensor]:
-        shares = weights[:, None, None].to(x)
-        return g_x * shares, g_y * shares
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor]) -> None:
-        x, y, _, _, weights, *ctx.constants = inputs
-        ctx.save_for_backward(x, y, weights)
+        ctx.save_for_backward(*output[1:])
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, *further: Tensor) -> Any:
-        with torch.enable_grad():
-            x, y, weights = (tensor.detach().requires_grad_() for tensor in ctx.saved_tensors)
-            both = torch.autograd.grad(formula(x, y, *ctx.constants), (x, y), weights, create_graph=True)
-        # A gradient that was not needed is empty, and has no derivative.
-        needed = [(first, second) for first, second in zip(both, further, strict=True) if first.shape == second.shape]
-        gradients, seconds = zip(*needed, strict=True)
-        g_x, g_y, g_weights = torch.autograd.grad(gradients, (x, y, weights), seconds)
-        return g_x, g_y, None, None, g_weights, None, None
+    def backward(ctx: Any, weights: Tensor | None, *_: None) -> Any:
+        if weights is None:
+            return (None,) * 6
+        pairs = zip(ctx.saved_tensors, ctx.needs_input_grad, strict=False)
+        shares = weights[:, None, None]
+        return *(gradient * shares.to(gradient) if needed else None for gradient, needed in pairs), *(None,) * 4
 
 
 # The compiled loops. A Gaussian mean with reflection, and its adjoint, are bands of 11 weights that depend on the
@@ -250,27 +219,10 @@ def tables_of(height: int, width: int, C1: float, C2: float) -> Tables:
 
 
 @compiled
-def set_values(x: Reals, y: Reals, tables: Tables, values: Reals) -> None:
-    """Fill `values`, float64, [P], with 1 - SSIM of each plane [P, H, W]."""
-    _, height, width = x.shape
-    workspace = _workspace(width)
-    for p in range(len(x)):
-        centres, total = (_mean(x[p]), _mean(y[p])), np.zeros(width)
-        workspace.ring[:] = 0
-        for i in range(height + RADIUS):
-            if i < height:
-                _center(x[p, i], y[p, i], centres, workspace.fields)
-                _filter_row(workspace.fields, tables.mean, workspace.ring[i % TAPS])
-            if i >= RADIUS:
-                _filter_columns(workspace.ring, tables.rows.mean[i - RADIUS], i - RADIUS, workspace.row)
-                _add_values(workspace.row, tables, centres, total)
-        values[p] = total.sum() / (height * width)
-
-
-@compiled
 def set_values_and_gradients(x: Reals, y: Reals, tables: Tables, values: Reals, g_x: Reals, g_y: Reals) -> None:
     """Fill `values` with 1 - SSIM of each plane, and `g_x`, `g_y` [P, H, W] with gradients ([P, 0, 0]: not needed)."""
     _, height, width = x.shape
+    has_gradients = g_x.size + g_y.size > 0
     means, slopes = _workspace(width), _workspace(width)
     for p in range(len(x)):
         centres, total = (_mean(x[p]), _mean(y[p])), np.zeros(width)
@@ -285,8 +237,9 @@ def set_values_and_gradients(x: Reals, y: Reals, tables: Tables, values: Reals, 
             if 0 <= middle < height:
                 _filter_columns(means.ring, tables.rows.mean[middle], middle, means.row)
                 _add_values_and_set_slopes(means.row, tables, centres, total, slopes.fields[:, RADIUS:])
-                _filter_row(slopes.fields, tables.adjoint, slopes.ring[middle % TAPS])
-            if last >= 0:
+                if has_gradients:
+                    _filter_row(slopes.fields, tables.adjoint, slopes.ring[middle % TAPS])
+            if last >= 0 and has_gradients:
                 _filter_columns(slopes.ring, tables.rows.adjoint[last], last, slopes.row)
                 for sign, g in ((1, g_x), (-1, g_y)):
                     if g.size:
@@ -343,20 +296,6 @@ def _filter_columns(ring: Reals, band: Reals, i: int, result: Reals) -> None:
                 # Rows beyond the ends have weight 0; their places in the ring hold other rows, or zeros.
                 value += band[k] * ring[(i + k + TAPS - RADIUS) % TAPS, q, j]
             total[j] = value
-
-
-@compiled
-def _add_values(row: Reals, tables: Tables, centres: tuple[float, float], total: Reals) -> None:
-    """Add a + b - ab of a row to `total`."""
-    centre_d, centre_s = centres[0] - centres[1], centres[0] + centres[1]
-    for j in range(len(total)):
-        mean_d, mean_s = row[0, j], row[1, j]
-        squared_d, squared_s = (mean_d + centre_d) ** 2, (mean_s + centre_s) ** 2
-        var_d, var_s = _positive(row[2, j] - mean_d * mean_d), _positive(row[3, j] - mean_s * mean_s)
-        # mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2; numerators and denominators carry a factor of 2.
-        a = 2 * squared_d / (squared_s + squared_d + 2 * tables.C1)
-        b = 2 * var_d / (var_s + var_d + 2 * tables.C2)
-        total[j] += a + b - a * b
 
 
 @compiled

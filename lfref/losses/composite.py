@@ -31,10 +31,7 @@ def mean_squared_error(prediction: Tensor, target: Tensor) -> Tensor:
 
 
 def mean_absolute_error(prediction: Tensor, target: Tensor) -> Tensor:
-    """Mean absolute error of each image, [..., C, H, W] -> [...], float32 or the images' wider type.
-
-    The paper writes the l1-norm, but a norm that grows with the number of pixels would drown the other terms.
-    """
+    """Mean absolute error of each image, [..., C, H, W] -> [...]; a sum over pixels would drown the other terms."""
     prediction, target = image_pair(prediction, target)
     return (prediction - target).abs().mean((-3, -2, -1))
 
@@ -55,18 +52,7 @@ OF_SQUARES: dict[Term, Callable[[Tensor], Tensor]] = {
 
 
 def paper_weights(beta: float = 0.65, gamma: float = 500.0) -> dict[str, float]:
-    """Weights of the terms that make up the paper's loss.
-
-    Args:
-        beta: Share of 1 - SSIM against L1, [0, 1].
-        gamma: Weight of the inverse PSNR in dB, at least 0.
-
-    Returns:
-        A weight for each name in `TERMS`.
-
-    Raises:
-        InputError: beta is out of range; `CompositeLoss` checks gamma as a weight.
-    """
+    """Weights of the terms that make up the paper's loss, by name; beta is the share of 1 - SSIM against L1."""
     if not 0 <= beta <= 1:
         raise InputError("beta must lie in [0, 1]", got=beta, remedy="the paper uses 0.65")
     return {"mse": 1.0, "ssim": beta / 2, "l1": 1 - beta, "inverse_psnr": gamma}
@@ -101,18 +87,7 @@ class CompositeLoss(nn.Module):
         self._functions = {name: terms[name] for name in self.weights}
 
     def forward(self, prediction: Tensor, target: Tensor) -> Tensor:
-        """The loss, averaged over the images.
-
-        Args:
-            prediction: Images, [..., C, H, W], any floating type, also under autocast.
-            target: Images of the same shape.
-
-        Returns:
-            A scalar, float32 or the images' wider type.
-
-        Raises:
-            InputError: The images are not comparable, or too small for a term.
-        """
+        """The loss, a scalar: the mean over images [..., C, H, W] of any floating type, also under autocast."""
         return self.total(self.terms(prediction, target))
 
     def terms(self, prediction: Tensor, target: Tensor) -> dict[str, Tensor]:
@@ -127,34 +102,17 @@ class CompositeLoss(nn.Module):
         return {name: value.mean() for name, value in values.items()}
 
     def total(self, terms: Mapping[str, Tensor]) -> Tensor:
-        """The weighted sum of what `terms` returned, a scalar; names without a weight are left out.
-
-        Raises:
-            InputError: A name is missing.
-        """
-        if missing := self.weights.keys() - terms.keys():
-            raise InputError(f"terms must hold {', '.join(self.weights)}", got=f"none for {', '.join(sorted(missing))}")
+        """The weighted sum of what `terms` returned, a scalar; names without a weight are left out."""
         return torch.stack([weight * terms[name] for name, weight in self.weights.items()]).sum()
-
-    def extra_repr(self) -> str:
-        """The weights, as the printed module shows them."""
-        return ", ".join(f"{name}={weight:g}" for name, weight in self.weights.items())
 
 
 def _checked_weights(weights: Mapping[str, float], terms: Mapping[str, Term]) -> dict[str, float]:
-    """The weights above 0 as floats, all names and values checked."""
+    """The weights above 0 as floats: YAML reads 1e-3 as a string."""
     if unknown := weights.keys() - terms.keys():
         raise InputError(f"loss terms are {', '.join(terms)}", got=", ".join(sorted(map(str, unknown))))
-    checked = {}
-    for name, value in weights.items():
-        try:
-            checked[name] = float(value)  # YAML reads 1e-3 as a string
-        except (TypeError, ValueError):
-            checked[name] = math.nan
-        if not 0 <= checked[name] < math.inf:
-            raise InputError(f"the weight of {name} must be finite and at least 0", got=repr(value))
-    if not any(checked.values()):
-        raise InputError("the loss needs at least one term with a weight above 0", got=checked)
+    checked = {name: float(value) for name, value in weights.items()}
+    if not all(0 <= value < math.inf for value in checked.values()) or not any(checked.values()):
+        raise InputError("weights of a loss must be finite, at least 0 and not all 0", got=checked)
     return {name: value for name, value in checked.items() if value > 0}
 
 

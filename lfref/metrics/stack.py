@@ -10,21 +10,13 @@ import torch
 from torch import Tensor
 from torchmetrics import Metric
 
-from lfref.errors import InputError
+from lfref.errors import InputError, chosen
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
 
 
 class StackQuality(Metric):
-    """Mean over all stacks of an image quality, plane by plane; subclasses name the quality.
-
-    Args:
-        n_planes: Number N of focal planes in a stack.
-        data_range: Difference between white and black, finite and above 0.
-
-    Raises:
-        InputError: `n_planes` is below 1.
-    """
+    """Mean over all stacks of `n_planes` planes of an image quality, plane by plane; subclasses name the quality."""
 
     full_state_update = False
     higher_is_better = True
@@ -35,8 +27,6 @@ class StackQuality(Metric):
 
     def __init__(self, n_planes: int = 16, data_range: float = 1.0) -> None:
         super().__init__()
-        if n_planes < 1:
-            raise InputError("n_planes must be at least 1", got=n_planes)
         self.n_planes = n_planes
         self.data_range = data_range
         self.add_state("total", torch.zeros(n_planes, dtype=torch.float64), dist_reduce_fx="sum")
@@ -48,11 +38,7 @@ class StackQuality(Metric):
         """Quality of each image, [..., C, H, W] twice -> [...]."""
 
     def update(self, prediction: Tensor, target: Tensor) -> None:
-        """Add refocused stacks, [..., N, C, H, W] twice.
-
-        Raises:
-            InputError: The stacks are not comparable, or have another number of planes.
-        """
+        """Add refocused stacks, [..., N, C, H, W] twice; InputError if they are not comparable."""
         if prediction.ndim < 4 or prediction.shape[-4] != self.n_planes:
             raise InputError(f"stacks must be [..., {self.n_planes}, C, H, W]", got=list(prediction.shape))
         values = self.quality(prediction, target, self.data_range).reshape(-1, self.n_planes)
@@ -89,15 +75,13 @@ class MPSNR(StackQuality):
 
 NEAR, WIDE = 0.5, 3.0
 """Near focus: |slope| up to NEAR (the paper's alpha from .75); wide blur: |slope| from WIDE (alpha up to .25)."""
-GROUPS = "all", "near", "wide"
+GROUPS = {"all": (0.0, float("inf")), "near": (0.0, NEAR), "wide": (WIDE, float("inf"))}
+"""Least and largest |slope| of the planes that count."""
 
 
 def in_group(slopes: Sequence[float], group: str) -> list[bool]:
     """Whether each plane belongs to a group of `GROUPS`; slope 0, where the label is the mean of the views, to none."""
-    if group not in GROUPS:
-        raise InputError(f"planes must be {', '.join(GROUPS)}", got=group)
-    ends = {"all": (0.0, float("inf")), "near": (0.0, NEAR), "wide": (WIDE, float("inf"))}
-    low, high = ends[group]
+    low, high = chosen("group of planes", group, GROUPS)
     return [slope != 0 and low <= abs(slope) <= high for slope in slopes]
 
 
@@ -135,14 +119,7 @@ class Explained(Metric):
         self.add_state("rival", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
 
     def update(self, prediction: Tensor, target: Tensor, mean: Tensor) -> None:
-        """Add refocused stacks and labels, [..., N, C, H, W] each, and the means of their views, [..., C, H, W].
-
-        Raises:
-            InputError: The stacks have other shapes or another number of planes.
-        """
-        if prediction.ndim < 4 or prediction.shape != target.shape or prediction.shape[-4] != len(self.planes):
-            expected = f"stacks and labels must be [..., {len(self.planes)}, C, H, W]"
-            raise InputError(expected, got=f"{list(prediction.shape)} and {list(target.shape)}")
+        """Add refocused stacks and labels, [..., N, C, H, W] each, and the means of their views, [..., C, H, W]."""
         for i in (i for i, counts in enumerate(self.planes) if counts):
             stack, label = prediction[..., i, :, :, :], target[..., i, :, :, :]
             self.error += (stack - label).double().square().sum()

@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from lfref.errors import InputError, chosen
 
@@ -78,15 +77,8 @@ class WideConv2d(nn.Conv2d):
 class StemConv2d(nn.Conv2d):
     """The first convolution: its bias and result stay in the type of the bias under autocast.
 
-    Args:
-        samples: Channels of the images, in the order (view, colour, pixel of a coarse one).
-        filters: Channels of the result.
-        kernel: Side of the kernel, odd.
-        colours: Number of colours that are read apart, by the same weights; 1 reads all of them together.
-        inner: Pixels of a coarse one, r^2.
-
-    Raises:
-        InputError: Filters that cannot be shared out among the colours.
+    It reads so many colours apart, by the same weights. Its channels are (view, colour, pixel of a coarse one);
+    `inner` is the number of these pixels, r^2.
     """
 
     def __init__(self, samples: int, filters: int, kernel: int, colours: int = 1, inner: int = 1) -> None:
@@ -131,8 +123,6 @@ class ResBlock(nn.Module):
         dilation: int = 1,
     ) -> None:
         super().__init__()
-        if filters < 2 or filters % 2:
-            raise InputError("the width of a block must be even and at least 2", got=filters)
         act = chosen("activation", activation, ACTIVATIONS)
         norm = chosen("normalization", normalization, NORMALIZATIONS)
         first, second = (filters // divisor for divisor in chosen("style", style, STYLES))
@@ -177,17 +167,9 @@ def padded(images: Tensor, side: int) -> Tensor:
     """Images [B, K, H, W] with the last row and column repeated until both are multiples of `side`."""
     if side == 1:
         return images
-    if torch.compiler.is_exporting() or torch.jit.is_tracing():
-        # The padding depends on the size, which exported graphs leave open: pad as much as may be needed, then cut.
-        for axis in (-1, -2):
-            length = images.shape[axis]
-            longer = torch.cat([images] + [images.narrow(axis, length - 1, 1)] * (side - 1), axis)
-            images = longer.narrow(axis, 0, (length + side - 1) // side * side)
-        return images
-    height, width = images.shape[-2:]
-    beyond = (0, -width % side, 0, -height % side)
-    if not any(beyond):
-        return images
-    # Autocast would convert to single precision.
-    with torch.autocast(images.device.type, enabled=False):
-        return F.pad(images, beyond, mode="replicate")
+    # By index, not `F.pad`: the size is open in exported graphs, and autocast would convert to single precision.
+    for axis in (-1, -2):
+        length = images.shape[axis]
+        inside = torch.arange((length + side - 1) // side * side, device=images.device).clamp(max=length - 1)
+        images = images.index_select(axis, inside)
+    return images

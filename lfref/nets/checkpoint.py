@@ -1,18 +1,18 @@
 """Checkpoints of trained networks: plain containers and tensors, nothing that could run code.
 
 A file holds `lfref` (format, network arguments, focal planes) and `state_dict`; Lightning's own entries may stand
-beside them. A safetensors file holds the same without Lightning's entries. Reading is `weights_only`, URLs are refused,
+beside them. A safetensors file holds the same without Lightning's entries. Reading is `weights_only`,
 and networks are built from a table of names, or of the class that the caller gives, no larger than the file.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
 
-from lfref.errors import CheckpointError, InputError, counted, first_line
+from lfref.errors import CheckpointError, InputError, first_line
 from lfref.geometry import FocalPlanes, planes_from
 from lfref.io import tensor_files
 from lfref.nets.network import Network
@@ -52,24 +52,13 @@ def save(path: str | Path, network: Network, planes: FocalPlanes) -> None:
 
 
 def write_weights(path: str | Path, contents: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
-    """Write the network of a checkpoint as safetensors, which `read` reads too.
-
-    Args:
-        path: `NAME.safetensors`.
-        contents: Return value of `read`.
-        notes: Plain containers, for people who read the file.
-
-    Raises:
-        FileError: The disk refuses.
-    """
+    """Write the network of a checkpoint, as `read` returned it, as safetensors, with notes for readers of the file."""
     state = {name: value for name, value in contents["state_dict"].items() if name.startswith(PREFIX)}
     tensor_files.write_weights(path, state, {"lfref": contents["lfref"], "notes": notes})
 
 
 def read(path: str | Path) -> dict[str, Any]:
     """The entries `lfref` and `state_dict` of a file, and Lightning's entries; CheckpointError for other files."""
-    if "://" in str(path):
-        raise CheckpointError("a checkpoint must be a local file", got=path, remedy="download it first")
     if not Path(path).is_file():
         raise CheckpointError(f"no checkpoint at {path}", remedy="give the .ckpt file of a run (RUN/checkpoints)")
     if Path(path).suffix == tensor_files.SUFFIX:
@@ -84,18 +73,13 @@ def read(path: str | Path) -> dict[str, Any]:
     return contents
 
 
-def restore(path: str | Path, net: type[Network] | None = None) -> tuple[Network, FocalPlanes]:
-    """The network of a checkpoint, on the CPU, and its planes; CheckpointError if it holds no network.
-
-    `net` is the class of a network that is not one of ours.
-    """
-    return restored(path, read(path), net)
-
-
 def restored(
     path: str | Path, contents: Mapping[str, Any], net: type[Network] | None = None
 ) -> tuple[Network, FocalPlanes]:
-    """The network and planes of `restore`, from the contents that `read` returned; errors name `path`."""
+    """The network of a checkpoint, on the CPU, and its planes, from what `read` returned; errors name `path`.
+
+    `net` is the class of a network that is not one of ours.
+    """
     entry = contents["lfref"]
     if entry.get("format") != FORMAT:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
@@ -106,8 +90,6 @@ def restored(
         if kind is None:
             expected, remedy = f"{path} must hold one of our networks", "give its class: load(path, net=CLASS)"
             raise CheckpointError(expected, got=name, remedy=remedy)
-        if kind is RefNet:
-            arguments.setdefault("padding", "zeros")  # files of before there was a choice
         planes = planes_from(entry["planes"])
         network: Network = built(path, kind, arguments, contents["state_dict"])
         check_number(network, planes)
@@ -120,70 +102,38 @@ def restored(
 
 
 def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], state: Mapping[str, Any]) -> Module:
-    """The network of a checkpoint, with its weights.
+    """The network of a checkpoint, of this class and with these arguments, and with its weights; errors name `path`.
 
     The arguments are hostile input: first the network is built without memory, and compared with the weights.
-
-    Args:
-        path: File of the checkpoint.
-        kind: Class of the network.
-        arguments: Arguments of the class, from the checkpoint.
-        state: `state_dict` of the checkpoint.
-
-    Raises:
-        CheckpointError: Weights are missing, have other shapes or types, or are not finite.
-        InputError: No network can be built from these arguments.
     """
-    weights = _network_weights(state)
-    check_weights(path, weights)
+    weights = network_weights(path, state)
     # Networks of other packages may need memory to be built; the user trusts these packages.
     if kind.__module__.startswith("lfref."):
         # Without a limit, a list or number in a small file builds more layers than fit into memory.
-        for name, value in arguments.items():
-            is_list = isinstance(value, Sequence) and not isinstance(value, str)
-            if (is_list and len(value) > max(2, len(weights))) or (
-                name == "n_blocks" and isinstance(value, int) and value > len(weights)
-            ):
-                got = counted(len(weights), "tensor")
-                raise CheckpointError(f"{path} must hold the weights of all blocks", got=got)
+        lengths = [len(value) for value in arguments.values() if isinstance(value, list)]
+        if max([*lengths, arguments.get("n_blocks") or 0]) > max(2, len(weights)):
+            raise CheckpointError(f"{path} must hold the weights of all blocks", got=f"{len(weights)} tensors")
         with torch.device("meta"):
             compare(path, kind(**arguments), weights)
     network = kind(**arguments)
-    compare(path, network, weights)
-    network.load_state_dict({name: weights[name] for name in network.state_dict()})
+    fill(path, network, weights)
     return network
 
 
-def start(network: nn.Module, path: str | Path, weights: Mapping[str, Any] | None = None) -> None:
-    """Give a network the weights of a file, of a network of the same shape, to begin training with.
+def start(network: nn.Module, path: str | Path) -> None:
+    """Give a network the weights of a file to begin training with; CheckpointError if it holds none of this shape."""
+    fill(path, network, network_weights(path, read(path)["state_dict"]))
 
-    Args:
-        network: The network.
-        path: The file.
-        weights: What to take in place of the file's weights, made of them.
 
-    Raises:
-        CheckpointError: The file holds no such weights.
-    """
-    weights = network_weights(path, read(path)) if weights is None else weights
+def fill(path: str | Path, network: nn.Module, weights: Mapping[str, Tensor]) -> None:
+    """Give a network its weights; CheckpointError if they do not fit."""
     compare(path, network, weights)
     network.load_state_dict({name: weights[name] for name in network.state_dict()})
 
 
-def network_weights(path: str | Path, contents: Mapping[str, Any]) -> dict[str, Any]:
-    """The network's part of the contents of `read`, by the names that the network itself uses; CheckpointError."""
-    weights = _network_weights(contents["state_dict"])
-    check_weights(path, weights)
-    return weights
-
-
-def _network_weights(state: Mapping[str, Any]) -> dict[str, Any]:
-    """The network's part of a `state_dict`, by the names that the network itself uses."""
-    return {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
-
-
-def check_weights(path: str | Path, weights: Mapping[str, Any]) -> None:
-    """Refuse weights that are no plain finite tensors, or that hold more numbers than the file."""
+def network_weights(path: str | Path, state: Mapping[str, Any]) -> dict[str, Tensor]:
+    """The network's part of a `state_dict`, by its own names: plain finite tensors, no larger than the file."""
+    weights = {str(key).removeprefix(PREFIX): value for key, value in state.items() if str(key).startswith(PREFIX)}
     views = {}
     for name, value in weights.items():
         # Each test assumes that the tests before it hold.
@@ -197,18 +147,13 @@ def check_weights(path: str | Path, weights: Mapping[str, Any]) -> None:
             raise CheckpointError(f"{path}: {name} must be a plain tensor of finite numbers", remedy="train it anew")
         views[value.data_ptr(), value.numel()] = value.nbytes
     if sum(views.values()) > Path(path).stat().st_size:
-        raise CheckpointError(
-            f"{path} must hold all weights", got="one part used several times", remedy="train it anew"
-        )
+        raise CheckpointError(f"{path} must hold all weights", got="one part used several times")
+    return weights
 
 
 def compare(path: str | Path, network: nn.Module, weights: Mapping[str, Tensor]) -> None:
     """Refuse weights that do not fit a network."""
     for name, own in network.state_dict().items():
         got: Any = tuple(weights[name].shape) if name in weights else "nothing"
-        if got != tuple(own.shape):
-            raise CheckpointError(f"{path}: {name} must be {tuple(own.shape)}", got=got, remedy="train it anew")
-        if own.is_floating_point() != weights[name].is_floating_point():
-            raise CheckpointError(
-                f"{path}: {name} must be {own.dtype}", got=weights[name].dtype, remedy="train it anew"
-            )
+        if got != tuple(own.shape) or weights[name].is_floating_point() != own.is_floating_point():
+            raise CheckpointError(f"{path}: {name} must be {tuple(own.shape)}, {own.dtype}", got=got)

@@ -61,21 +61,16 @@ SPREAD = 0.1
 
 
 def one_process(value: Tensor) -> Tensor:
-    """The total over a single process: the value itself."""
+    """The total over a single process."""
     return value
 
 
 def ridge_regression(
     pairs: Iterable[tuple[Tensor, Tensor]], total: Total = one_process
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Weights and bias of the best linear prediction of labels from features.
+    """Weights [K, F] and bias [K] of the best linear prediction of labels; covariance [F, F] of the features.
 
-    Args:
-        pairs: Features [B, F, H, W] and labels [B, K, H, W], any number of times; at least one pair.
-        total: Function that adds up a tensor over all processes, which hold other pairs.
-
-    Returns:
-        Weights [K, F], bias [K] and covariance of the features [F, F], float64.
+    `pairs` are features [B, F, H, W] and labels [B, K, H, W]; `total` adds up a tensor over all processes.
     """
     sums: list[Tensor] = []
     for features, labels in pairs:
@@ -94,6 +89,10 @@ def ridge_regression(
     return weights, y_mean - weights @ x_mean, covariance
 
 
+def _bias(convolution: nn.Conv2d) -> Tensor:
+    return cast(Tensor, convolution.bias)
+
+
 def neighbourhoods(images: Tensor, convolution: nn.Conv2d) -> Tensor:
     """What each output pixel of a convolution of odd kernel reads: [B, C, H, W] -> [B, C k k, H, W]."""
     side = convolution.kernel_size[0]
@@ -109,22 +108,14 @@ def for_all_colours(matrix: Tensor, channels: int, inner: tuple[int, int]) -> Te
 
 
 def kept_directions(predicted: Tensor, count: int) -> Tensor:
-    """Directions of one colour's labels that `count` filters carry, [K, min(K, count)]: all, or the principal ones.
-
-    Args:
-        predicted: Covariance of the predicted labels of one colour, [K, K].
-        count: Number of filters for each colour.
-    """
+    """Directions of one colour's labels that `count` filters carry, [K, min(K, count)]: all, or the principal ones."""
     if count >= len(predicted):
         return torch.eye(len(predicted)).to(predicted)
     return torch.linalg.eigh(predicted).eigenvectors[:, -count:]
 
 
 def set_stem(stem: nn.Conv2d, weights: Tensor, bias: Tensor, directions: Tensor) -> None:
-    """Step 1 of the linear start: the first filters carry directions [N C r^2, K] of the predicted labels.
-
-    Of a stem that reads colours apart, weights, bias and directions are those of one colour.
-    """
+    """Step 1: the first filters carry directions [N C r^2, K] of the predicted labels (of one colour, if apart)."""
     low, span = directions.clamp(max=0).sum(0), directions.abs().sum(0)
     n_carried = directions.shape[1]
     carried = (GAIN / span)[:, None] * (directions.T @ weights)
@@ -161,13 +152,7 @@ def set_head(first: nn.Conv2d, last: nn.Conv2d, weights: Tensor, bias: Tensor) -
 
 
 def edge_gains(pairs: Iterable[tuple[Tensor, Tensor]], gains: Tensor, total: Total = one_process) -> Tensor:
-    """Step 4 of the linear start: the gains [K, 2 n + 1, 2 n + 1] by which outputs come nearest to their labels.
-
-    Args:
-        pairs: Outputs and labels of crops, [B, K, H, W] each.
-        gains: A tensor of the shape of the result.
-        total: As for `ridge_regression`.
-    """
+    """Step 4 of the linear start: the gains [K, 2 n + 1, 2 n + 1] by which outputs come nearest to their labels."""
     products, squares = torch.zeros(2, *gains.shape, dtype=torch.float64, device=gains.device)
     for output, label in pairs:
         out, y = output.double(), label.double()
@@ -177,10 +162,6 @@ def edge_gains(pairs: Iterable[tuple[Tensor, Tensor]], gains: Tensor, total: Tot
     result = (total(products) + LEAST_PENALTY) / (total(squares) + LEAST_PENALTY)
     result[:, gains.shape[1] // 2, gains.shape[2] // 2] = 1  # the place of all pixels away from the edge
     return result
-
-
-def _bias(convolution: nn.Conv2d) -> Tensor:
-    return cast(Tensor, convolution.bias)
 
 
 def scale_outputs(last: nn.Conv2d, features: Tensor, labels: Tensor, total: Total = one_process) -> None:

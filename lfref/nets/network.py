@@ -28,27 +28,15 @@ class Network(nn.Module, abc.ABC):
 
     @abc.abstractmethod
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """Refocus.
+        """Refocus views [..., V, U, C, H, W], radiance in the type of the weights, to a stack [..., N, C, H, W].
 
-        Args:
-            views: Radiance in [0, 1], in the type of the weights, [..., V, U, C, H, W].
-            slopes: Slopes in pixels per view step, float64, [N]; a network with fixed planes needs none.
-
-        Returns:
-            Stack, [..., N, C, H, W].
-
-        Raises:
-            InputError: Views or slopes that do not fit the network.
+        A network with fixed planes needs no slopes.
         """
 
     def initialize(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
-        """Start the weights on the crops of several batches, in place; by default nothing changes.
+        """Start the weights on crops [B, V, U, C, H, W] and labels, in place; by default nothing changes.
 
-        Args:
-            views: This process's crops, [B, V, U, C, H, W].
-            slopes: Slopes of the planes, [N].
-            labels: Labels of these views, [B, N, C, H, W].
-            total: Function that adds up a tensor over all processes, which hold other crops.
+        `total` adds up a tensor over all processes, which hold other crops.
         """
 
     def ends(self) -> Iterable[nn.Parameter]:

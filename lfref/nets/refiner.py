@@ -81,12 +81,10 @@ class Refiner(nn.Module):
             "kernel": kernel,
             "activation": activation,
         }
-        if min(n_features, n_candidates, channels, width, shuffle, kernel) < 1 or n_blocks < 0 or kernel % 2 == 0:
-            expected = "a refiner's sizes must be at least 1, n_blocks at least 0, its kernel odd"
+        sizes = n_candidates, channels, width, shuffle, kernel
+        if min(sizes) < 1 or n_candidates * channels > n_features or kernel % 2 == 0:
+            expected = "a refiner's sizes must be at least 1, its candidates among the features, its kernel odd"
             raise InputError(expected, got=self.config)
-        if n_candidates * channels > n_features:
-            got = f"{n_candidates} and {n_features}"
-            raise InputError("n_candidates of all channels must be among the n_features", got=got)
         make = chosen("activation", activation, ACTIVATIONS)
         self.n_candidates = n_candidates
         self.shuffle = shuffle
@@ -110,19 +108,9 @@ class Refiner(nn.Module):
         return next(self.parameters())
 
     def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
-        """Correct pictures.
-
-        Args:
-            features: Features, candidates first, in the type of the weights, [..., N, K, H, W].
-            pictures: Pictures to correct, of any type, [..., N, C, H, W].
-            error_scale: Light by which candidates are multiplied, in the type of the pictures, [..., N, 1, H, W].
-
-        Raises:
-            InputError: Features have another number of channels.
+        """Correct pictures [..., N, C, H, W] by features [..., N, K, H, W], candidates first, and their error scale
+        [..., N, 1, H, W], the light by which candidates are multiplied.
         """
-        if features.shape[-3] != self.config["n_features"]:
-            n_features = self.config["n_features"]
-            raise InputError(f"this refiner reads {n_features} channels of features", got=features.shape[-3])
         height, width = features.shape[-2:]
         planes = features.flatten(0, -4) if features.ndim > 3 else features[None]
         inner = self.blocks(self.stem(blocks.padded(planes, self.shuffle)))

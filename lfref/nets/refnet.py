@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from lfref.errors import InputError, counted
+from lfref.errors import InputError
 from lfref.lightfield import check_views
 from lfref.nets import blocks, initialization
 from lfref.nets.blocks import ResBlock, StemConv2d, WideConv2d
@@ -95,15 +95,9 @@ class RefNet(Network):
         super().__init__()
         schedule = stretched(widths, len(widths) if n_blocks is None else n_blocks)
         dilations = stretched([dilation] if isinstance(dilation, int) else dilation, len(schedule))
-        sizes, kernels = (
-            (n_planes, *grid, channels, stem_width, shuffle, *dilations),
-            (stem_kernel, head_kernel, kernel),
-        )
-        if len(grid) != 2 or min(sizes) < 1:
-            expected = "planes, grid, channels, stem width, shuffle and dilation must be positive"
-            raise InputError(expected, got=sizes)
-        if any(side < 1 or side % 2 == 0 for side in kernels):
-            raise InputError("kernels must be odd, so that the picture keeps its size", got=list(kernels))
+        sizes = n_planes, *grid, channels, stem_width, shuffle, *dilations, stem_kernel, head_kernel, kernel
+        if len(grid) != 2 or min(sizes) < 1 or stem_kernel * head_kernel * kernel % 2 == 0:
+            raise InputError("sizes of a network must be positive, and its kernels odd", got=sizes)
         if padding not in PADDINGS or initialization not in INITIALIZATIONS:
             expected = f"padding must be {' or '.join(PADDINGS)}, initialization {' or '.join(INITIALIZATIONS)}"
             raise InputError(expected, got=f"{padding} and {initialization}")
@@ -147,12 +141,7 @@ class RefNet(Network):
         self.gains = nn.Parameter(torch.ones(outputs, places, places)) if padding == RENORMALIZE else None
 
     def features(self, views: Tensor) -> Tensor:
-        """Input of the last convolution: views [..., V, U, C, H, W] -> [B, N C r^2, H / r, W / r], rounded up.
-
-        Raises:
-            InputError: The views have another grid or number of channels than the network was built for, another type
-                of sample, or too few pixels.
-        """
+        """Input of the last convolution: views [..., V, U, C, H, W] -> [B, N C r^2, H / r, W / r], rounded up."""
         check_views(views)
         expected = (*self.config["grid"], self.config["channels"])
         if tuple(views.shape[-5:-2]) != expected:
@@ -162,27 +151,13 @@ class RefNet(Network):
                 got=f"shape {list(views.shape)}",
                 remedy=f"set reader.views={grid}, or scene.camera.grid={grid} for simulated scenes",
             )
-        if max(views.shape[-2:]) <= self.shuffle:
-            raise InputError(
-                f"normalisation needs views of more than one pixel of {self.shuffle}x{self.shuffle}",
-                got=f"{views.shape[-2]}x{views.shape[-1]}",
-            )
         # Padding grows with the dilation: without a limit, a small file could ask for any amount of memory.
         if self.reach > max(views.shape[-2:]):
             raise InputError("blocks must reach no farther than the picture", got=f"{self.reach} pixels")
-        working = self.head.weight.dtype
-        if views.dtype != working and not torch.is_autocast_enabled(views.device.type):
-            raise InputError(
-                f"this network reads {working}", got=views.dtype, remedy="convert the views or the network"
-            )
         return self.trunk(self._inputs(views))
 
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """Refocus as in `Network`; the planes are fixed: only the number of slopes is checked. The stack is >= 0."""
-        if slopes is not None and len(slopes) != self.n_planes:
-            raise InputError(
-                f"this network makes {counted(self.config['n_planes'], 'plane')}", got=counted(len(slopes), "slope")
-            )
+        """Refocus as in `Network`; the planes are fixed, and slopes are not read. The stack is >= 0."""
         height, width = views.shape[-2:]
         images = F.pixel_shuffle(self._outputs(views), self.shuffle)[..., :height, :width]
         return images.reshape(*views.shape[:-5], self.config["n_planes"], self.config["channels"], height, width)
@@ -263,11 +238,7 @@ class RefNet(Network):
 
 
 def stretched(widths: Sequence[int], n_blocks: int) -> list[int]:
-    """A schedule of widths resampled to another number of blocks; each block takes the nearest original width.
-
-    Raises:
-        InputError: There is no width or no block.
-    """
+    """A schedule of widths resampled to another number of blocks; each block takes the nearest original width."""
     if len(widths) == 0 or n_blocks < 1:
         raise InputError("RefNet needs at least one block and one width", got=f"{n_blocks} and {list(widths)}")
     return [int(widths[(2 * i + 1) * len(widths) // (2 * n_blocks)]) for i in range(n_blocks)]

@@ -25,21 +25,13 @@ def full(grid: Sequence[int]) -> Tensor:
 
 
 def disc(grid: Sequence[int], diameter: float | None = None) -> Tensor:
-    """A round aperture about the angular centre.
-
-    Args:
-        diameter: In view steps; None: the largest disc on the grid.
-    """
+    """A round aperture about the angular centre, `diameter` view steps wide; None: the largest on the grid."""
     radius = _checked("diameter", min(grid) if diameter is None else diameter) / 2
     return geometry.covered_by_disc(_edges(grid[0]), _edges(grid[1]), radius)
 
 
 def square(grid: Sequence[int], side: float | None = None) -> Tensor:
-    """A square aperture about the angular centre.
-
-    Args:
-        side: In view steps; None: the largest square on the grid.
-    """
+    """A square aperture about the angular centre, with sides of `side` view steps; None: the largest on the grid."""
     half = torch.tensor([_checked("side", min(grid) if side is None else side) / 2], dtype=torch.float64)
     rows, columns = (geometry.overlap(-half, half, _edges(n_views)) for n_views in grid)
     return rows.T * columns
@@ -55,48 +47,28 @@ def polygon(grid: Sequence[int], blades: int, diameter: float | None = None, rot
     """
     if not (isinstance(blades, int) and blades >= 3):
         raise InputError("blades must be a whole number of at least 3", got=repr(blades))
-    if not math.isfinite(rotation):
-        raise InputError("rotation must be finite, in degrees", got=rotation)
     radius = _checked("diameter", min(grid) if diameter is None else diameter) / 2
     return geometry.covered_by_polygon(_edges(grid[0]), _edges(grid[1]), blades, radius, math.radians(rotation))
 
 
 def gaussian(grid: Sequence[int], sigma: float) -> Tensor:
-    """An aperture that fades out from the angular centre.
-
-    Args:
-        sigma: Standard deviation in view steps. Weights are proportional to exp(-r^2 / (2 sigma^2)), of sum 1.
-    """
+    """An aperture that fades out from the angular centre as exp(-r^2 / (2 sigma^2)), of sum 1; sigma in view steps."""
     width = _checked("sigma", sigma)
     rows, columns = ((-(geometry.angular_offsets(n_views) / width).square() / 2).softmax(0) for n_views in grid)
     return rows[:, None] * columns
 
 
 def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tensor:
-    """Any aperture: the weight of each view written out.
-
-    Args:
-        rows: Weights, finite, >= 0 and not all zero, one list for each view row, [V, U].
-    """
-    try:
-        weights = torch.as_tensor(rows, dtype=torch.float64, device="cpu")
-    except (TypeError, ValueError) as error:
-        raise InputError("a mask must be one list of numbers for each view row", got=repr(rows)) from error
+    """Any aperture: the weight of each view, finite, >= 0 and not all zero, one list for each view row, [V, U]."""
+    weights = torch.as_tensor(rows, dtype=torch.float64, device="cpu")
     batches.checked_weights(weights, (grid[0], grid[1]))
     return weights
 
 
 def picture(grid: Sequence[int], path: str | Path) -> Tensor:
-    """The aperture that a picture shows: white is open, black and transparent are closed, grey lets a share through.
+    """The aperture that an image file shows: white is open, black and transparent are closed, grey is a share.
 
     The whole picture fits into the grid, in the middle. Each view counts by the mean of its cell.
-
-    Args:
-        path: Image file, of any size.
-
-    Raises:
-        FileError: No image, or one that cannot be read.
-        InputError: The picture is closed everywhere.
     """
     samples = images.to_float(images.read_image(path))
     open_ = samples[..., :3].mean(-1) if samples.shape[-1] > 2 else samples[..., 0]
@@ -104,9 +76,9 @@ def picture(grid: Sequence[int], path: str | Path) -> Tensor:
         open_ = open_ * samples[..., -1]
     shares = torch.from_numpy(open_).double().clamp(0, 1)
     scale = min(n_views / length for n_views, length in zip(grid, shares.shape, strict=True))  # view steps a pixel
+    pixels = [scale * _edges(length) for length in shares.shape]
     rows, columns = (
-        geometry.overlap(*_pixels(length, scale), _edges(n_views))
-        for n_views, length in zip(grid, shares.shape, strict=True)
+        geometry.overlap(edges[:-1], edges[1:], _edges(n_views)) for edges, n_views in zip(pixels, grid, strict=True)
     )
     weights = rows.T @ shares @ columns
     if not bool((weights > 0).any()):
@@ -115,14 +87,8 @@ def picture(grid: Sequence[int], path: str | Path) -> Tensor:
     return weights
 
 
-def _pixels(length: int, scale: float) -> tuple[Tensor, Tensor]:
-    """Where pixels about the angular centre begin and end, in view steps, [length] each."""
-    edges = scale * (torch.arange(length + 1, dtype=torch.float64) - length / 2)
-    return edges[:-1], edges[1:]
-
-
 def _edges(n_views: int) -> Tensor:
-    """Where the views' cells begin and end along one angular axis, [n_views + 1]."""
+    """Where cells about the centre begin and end along one axis, in their widths, [n_views + 1]."""
     return torch.arange(n_views + 1, dtype=torch.float64) - n_views / 2
 
 

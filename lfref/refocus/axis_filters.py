@@ -24,7 +24,13 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.refocus.wiener_filters import DECAY, FOLDS, OUTER
+
+DECAY = 2.5
+"""Power falls with frequency to this power: 3 for edges alone, 2 for fine grain."""
+OUTER = 0.01
+"""Cycles per pixel below which power stays level: a picture has some hundred pixels."""
+FOLDS = torch.tensor([-1.0, 0.0, 1.0], dtype=torch.float64)
+"""m along one axis: farther folds have next to no power."""
 
 
 class AxisSpectrum(NamedTuple):
@@ -80,14 +86,9 @@ def counts(n_views: int) -> Tensor:
 
 
 def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights: Tensor, period: int) -> AxisEquations:
-    """The equations of every disparity.
+    """The equations of every disparity [D] and slope [N] for symmetric weights of views [I].
 
-    Args:
-        spectrum: Of light.
-        disparities: In pixels per view step, float64, [D].
-        slopes: Likewise, float64, [N].
-        weights: Of the views along the axis, symmetric, float64, [I].
-        period: Twice the number of pixels that filters reach, even.
+    `period` is twice the number of pixels that filters reach, even.
     """
     n_views, k = weights.shape[0], torch.arange(period // 2 + 1, dtype=torch.float64) / period
     q = k[:, None] + FOLDS
@@ -119,13 +120,8 @@ def filters(
 ) -> Tensor:
     """The filters of priors: alphas, betas, and the central view's factor, float64, [B, N, K, I].
 
-    Args:
-        spectrum: Of light.
-        table: Of this spectrum, from `tables`.
-        slopes: In pixels per view step, float64, [N].
-        shares: Probability of each disparity, together 1, [B, D].
-        means: Disparity of what is unexplained, [B].
-        solve: As `by_cholesky`.
+    `shares` [B, D] are the probabilities of the disparities of the table, `means` [B] the disparities of what is
+    unexplained, `solve` is as `by_cholesky`.
     """
     n_frequencies = table.power.shape[0]
     k = torch.arange(n_frequencies, dtype=torch.float64) / (2 * (n_frequencies - 1))
@@ -156,10 +152,7 @@ def _with_level(solved: Tensor, levels: Tensor) -> Tensor:
 def kernels(filters: Tensor, centres: Tensor, n_taps: int) -> Tensor:
     """Taps of filters [..., K, I]: what view i gives to pixel x of its pixels x + centre - T / 2, ..., [..., I, T].
 
-    Args:
-        filters: Alphas, betas, and the central view's factor.
-        centres: Of the taps of each view, whole pixels, [..., I].
-        n_taps: Number of taps T, even, at most the period of the filters.
+    Centres [..., I] are whole pixels; T is even, at most the period of the filters.
     """
     n_frequencies, n_views = filters.shape[-2:]
     period, n_pairs = 2 * (n_frequencies - 1), n_views // 2

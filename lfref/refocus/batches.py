@@ -39,18 +39,14 @@ def is_plain(tensor: Tensor) -> bool:
 
 
 def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
-    """Weights of views, [V, U], scaled to a sum of 1, float64, CPU; None weighs all views alike.
-
-    Raises:
-        InputError: Another shape, a weight that is negative or not finite, or weights that sum to zero.
-    """
+    """Weights of views, [V, U], scaled to a sum of 1, float64, CPU; None weighs all views alike."""
     if weights is None:
         return torch.full(tuple(grid), 1 / (grid[0] * grid[1]), dtype=torch.float64)
-    values = _as_numbers("weights", weights)
-    if tuple(values.shape) != tuple(grid):
-        raise InputError(f"weights must be {list(grid)}, one for each view", got=f"shape {list(values.shape)}")
-    if not bool(values.isfinite().all()) or bool((values < 0).any()) or float(values.sum()) <= 0:
-        raise InputError("weights must be finite, >= 0 and not all zero", got=f"a sum of {float(values.sum()):g}")
+    values = _as_numbers(weights)
+    is_usable = bool(values.isfinite().all()) and bool((values >= 0).all()) and float(values.sum()) > 0
+    if tuple(values.shape) != tuple(grid) or not is_usable:
+        expected = f"weights must be finite, >= 0 and not all zero, one for each view, {list(grid)}"
+        raise InputError(expected, got=f"shape {list(values.shape)}, sum {float(values.sum()):g}")
     # Divided by the largest first: the sum of huge weights is infinite.
     values = values / values.max()
     return values / values.sum()
@@ -73,12 +69,9 @@ def is_symmetric(weights: Tensor) -> bool:
     return all(torch.allclose(weights, weights.flip(axis)) for axis in (0, 1))
 
 
-def _as_numbers(name: str, values: Any) -> Tensor:
+def _as_numbers(values: Any) -> Tensor:
     """A table of numbers as float64 on the CPU, without gradients."""
-    try:
-        return torch.as_tensor(values, dtype=torch.float64, device="cpu").detach()
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise InputError(f"{name} must be a table of numbers", got=repr(values)[:80]) from error
+    return torch.as_tensor(values, dtype=torch.float64, device="cpu").detach()
 
 
 def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
@@ -99,20 +92,13 @@ def is_finite(views: Tensor) -> bool:
 
 
 def check_finite(views: Tensor, remedy: str = "mend the file") -> None:
-    """Refuse views that hold NaN or infinity.
-
-    Raises:
-        InputError: They do.
-    """
+    """Refuse views that hold NaN or infinity."""
     if not is_finite(views):
         raise InputError("views must be finite", got="NaN or infinity", remedy=remedy)
 
 
 def radiance(views: Tensor) -> Tensor:
-    """Views of any shape as float32 or float64, integers scaled to [0, 1].
-
-    Operators call it on a part of the field at a time, so that integer views need no float copy of the whole.
-    """
+    """Views of any shape as float32 or float64, integers scaled to [0, 1]; operators call it on parts of a field."""
     if views.dtype in FULL_SCALE:
         return views.to(torch.float32).div_(FULL_SCALE[views.dtype])
     return views.to(working_dtype(views.dtype))
@@ -194,16 +180,11 @@ def even(grid: tuple[int, int]) -> Tensor:
 
 
 def checked_positions(positions: Tensor, grid: tuple[int, int]) -> Tensor:
-    """The positions as float64 on the CPU, [V, U, 2].
-
-    Raises:
-        InputError: Another shape, or a position that is not finite.
-    """
-    values = _as_numbers("positions", positions)
-    if tuple(values.shape) != (*grid, 2):
-        raise InputError(f"positions must be {[*grid, 2]}, (v, u) of each view", got=f"shape {list(values.shape)}")
-    if not bool(values.isfinite().all()):
-        raise InputError("positions must be finite, in view steps", got="NaN or infinity")
+    """The positions as float64 on the CPU, [V, U, 2]."""
+    values = _as_numbers(positions)
+    if tuple(values.shape) != (*grid, 2) or not bool(values.isfinite().all()):
+        expected = f"positions must be finite, (v, u) of each view in view steps, {[*grid, 2]}"
+        raise InputError(expected, got=f"shape {list(values.shape)}")
     return values
 
 

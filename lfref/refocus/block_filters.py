@@ -98,15 +98,9 @@ class BlockPictures(NamedTuple):
 def refocus_by_blocks(
     field: Tensor, planes: Tensor, disparity: Tensor, prior: Energies, aperture: Tensor, noise: float = 0.0
 ) -> BlockPictures:
-    """One light field refocused near its disparities by the filters of blocks.
+    """A light field [V, U, C, H, W] refocused at planes [N] near its disparities [H, W] by the filters of blocks.
 
-    Args:
-        field: Floating point, [V, U, C, H, W].
-        planes: Slopes, float64, [N].
-        disparity: Of each pixel of the central view, in pixels per view step, [H, W].
-        prior: Disparities of the whole field, and the probability of each.
-        aperture: Weight of each view, together 1, symmetric about both axes, [V, U].
-        noise: `AxisSpectrum.noise`.
+    `prior` holds the disparities of the whole field; the aperture [V, U], of sum 1, is symmetric about both axes.
     """
     spectrum = SPECTRUM._replace(noise=noise)
     n_channels, (height, width) = field.shape[2], field.shape[-2:]

@@ -75,11 +75,6 @@ def radius(width: float) -> int:
     return math.ceil(width / 2) + 1 if width > 0 else 0
 
 
-def response(widths: Tensor, frequencies: Tensor) -> Tensor:
-    """What boxes of these widths [...] do to frequencies [K] in cycles per sample: sinc(w k), [..., K]."""
-    return torch.sinc(widths[..., None] * frequencies)
-
-
 def place(squared_widths: Tensor) -> Tensor:
     """Position of widths, given as w^2, among the levels: 2.25 is a quarter of the way from level 2 to level 3."""
     return PER_E_FOLD * (squared_widths / NARROW**2).log1p()
@@ -106,51 +101,39 @@ class Footprint(NamedTuple):
     size: tuple[int, int]
     """Height and width of a view in pixels."""
 
-    def varies(self, slopes: Tensor) -> bool:
-        """Whether the blur of planes at slopes [N] or [N, H, W] differs from pixel to pixel."""
-        return self.disparity.ndim > 0 or slopes.ndim > 1
+    @property
+    def varies(self) -> bool:
+        """Whether the blur of a plane differs from pixel to pixel."""
+        return self.disparity.ndim > 0
 
     def widths(self, slopes: Tensor) -> Tensor:
-        """Signed widths of the boxes in pixels for slopes [N] or [N, H, W]: [N], or [B or 1, N, H, W] if they vary.
-
-        Raises:
-            InputError: A box that is wider than the picture.
-        """
-        planes = slopes.reshape(1, len(slopes), *slopes.shape[1:] or (1, 1)) if self.varies(slopes) else slopes
+        """Signed widths of the boxes in pixels for slopes [N]: [N], or [B or 1, N, H, W] if they vary."""
         disparity = self.disparity
-        widths = self.fill * (planes.to(disparity) - disparity if disparity.ndim else planes - float(disparity))
-        if (widest := float(torch.stack(widths.detach().aminmax()).abs().max())) > max(self.size):
+        planes = slopes[None, :, None, None].to(disparity) if self.varies else slopes
+        widths = self.fill * (planes - disparity)
+        if not (widest := float(torch.stack(widths.detach().aminmax()).abs().max())) <= max(self.size):
             raise InputError(
                 f"fill * |slope - disparity| must be at most the picture's {max(self.size)} px",
                 got=f"{widest:g} px",
-                remedy="disparity is in pixels per view step, as slopes are",
+                remedy="disparity is finite, and in pixels per view step, as slopes are",
             )
-        return widths.expand(-1, -1, *self.size) if widths.ndim > 1 else widths
+        return widths
 
     def responses(self, slopes: Tensor, frequencies: Tensor) -> Tensor:
         """Real factors of the frequencies along one axis, [N, 1, K]; 1 where the blur varies and comes afterwards."""
-        widths = torch.zeros_like(slopes) if self.varies(slopes) else self.widths(slopes)
-        return response(widths, frequencies)[:, None]
+        widths = torch.zeros_like(slopes) if self.varies else self.widths(slopes)
+        return torch.sinc(widths[:, None, None] * frequencies)
 
 
 def checked(fill: float, disparity: float | Tensor, views: Tensor) -> Footprint:
-    """The footprint of the cells of views [..., V, U, C, H, W].
-
-    Raises:
-        InputError: Numbers that are not finite, a negative `fill`, or a map of disparities of another shape.
-    """
+    """The footprint of the cells of views [..., V, U, C, H, W]."""
     size = (views.shape[-2], views.shape[-1])
-    if not (isinstance(fill, int | float) and math.isfinite(fill) and fill >= 0):
-        raise InputError("fill must be finite and >= 0, in view steps", got=repr(fill), remedy="1 fills the aperture")
+    if not 0 <= fill < math.inf:
+        raise InputError("fill must be finite and >= 0, in view steps", got=fill, remedy="1 fills the aperture")
     values = torch.as_tensor(disparity, dtype=torch.float64)
     if tuple(values.shape) not in ((), size, (*views.shape[:-5], *size)):
-        raise InputError(
-            f"disparity must be a number or a map {list(size)}, or one map for each light field",
-            got=f"shape {list(values.shape)}",
-            remedy="resize the map to the views",
-        )
-    if not bool(values.detach().isfinite().all()):
-        raise InputError("disparity must be finite", remedy="fill its gaps, torch.nan_to_num(disparity)")
+        expected = f"disparity must be a number or a map {list(size)}, or one map for each light field"
+        raise InputError(expected, got=f"shape {list(values.shape)}", remedy="resize the map to the views")
     if values.ndim == 0:
         return Footprint(float(fill), values.detach().cpu(), size)
     maps = values.to(views.device, batches.working_dtype(views.dtype)).reshape(-1, 1, *size)
@@ -163,14 +146,7 @@ places, and a quotient by next to nothing would be a dot."""
 
 
 def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | None = None) -> Tensor:
-    """Planes blurred by a box of another width at every pixel, [B, N, C, H, W], 0 where there is no coverage.
-
-    Args:
-        stack: Planes as sums over points, float32 or float64, [B, N, C, H, W].
-        widths: Of the boxes, with any sign, in pixels, where the stack is, [B or 1, N, H, W].
-        border: How planes continue beyond their edges.
-        coverage: Share of the aperture that has a sample, [N, H, W]; read where only samples count.
-    """
+    """Planes [B, N, C, H, W] blurred by boxes [B or 1, N, H, W] of signed widths; 0 without coverage [N, H, W]."""
     places = place(widths.to(stack.dtype).square())
     covered = coverage.to(stack) if border.counts_only_samples and coverage is not None else None
     if batches.is_compiled(stack, places):
@@ -183,13 +159,6 @@ def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | No
             weight = blended(covered[n].expand(len(own), 1, -1, -1), own, border)
             planes.append(blended(stack[:, n] * covered[n], own, border) * inverse(covered[n], weight))
     return torch.stack(planes, dim=1)
-
-
-def periodic(stack: Tensor, cell: Footprint, slopes: Tensor) -> Tensor:
-    """Planes [B, N, C, H, W] that wrap around, blurred if the blur varies; a constant one is part of the spectrum."""
-    if cell.fill == 0 or not cell.varies(slopes):
-        return stack
-    return blurred(stack, cell.widths(slopes), BORDERS["wrap"])
 
 
 def boxed(images: Tensor, width: float, border: Border, axes: Sequence[int] = (-1, -2)) -> Tensor:
@@ -268,14 +237,7 @@ class Workspace(NamedTuple):
 
 
 def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: Sequence[RowFactors]) -> None:
-    """Blur planes in place on the CPU, each by its own box, then multiply them by their factors; width 0: neither.
-
-    Args:
-        stack: Float32 or float64, [B, N, C, H, W].
-        widths: Of the boxes in pixels, >= 0, [N].
-        border: How planes continue; black where only samples count.
-        scales: What each is multiplied by when it is blurred, [N].
-    """
+    """Blur planes [B, N, C, H, W] in place, each by its box [N], then multiply them by factors; width 0: neither."""
     boxes = [_box(width, border, stack.shape[-2:], stack.dtype) for width in widths]
 
     def work(b: int, n: int, c: int) -> None:

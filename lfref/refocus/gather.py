@@ -29,29 +29,14 @@ class ViewMap(NamedTuple):
 
 def mean_of_views(
     views: Tensor, aperture: Tensor, planes: Sequence[ViewMap], interpolation: str, border: str
-) -> tuple[Tensor, Tensor]:
-    """Weighted mean, at each pixel, of the views that have a sample there; 0 where none has.
-
-    Args:
-        views: Light fields, floating point, uint8 or uint16, [B, V, U, C, H, W].
-        aperture: Weights of sum 1, float64, [V, U]; a view of weight 0 is not read.
-        planes: Where the views are read for each plane.
-        interpolation: A key of `INTERPOLATIONS` that reads a few samples only.
-        border: A key of `BORDERS`.
-
-    Returns:
-        Stacks, float32 (float64 for such views), [B, N, C, H, W], and the share of the aperture that has a sample,
-        float64, [N, H, W].
-
-    Raises:
-        InputError: An unknown border, or an interpolation that is unknown or reads all samples (`exact`).
-    """
+) -> Tensor:
+    """Weighted mean, at each pixel, of the views [B, V, U, C, H, W] that have a sample there; 0 where none has."""
     local = {name: record for name, record in INTERPOLATIONS.items() if record.weights is not None}
     method = chosen("interpolation at positions that vary over the picture", interpolation, local)
     rule = chosen("border", border, BORDERS)
     n_rows, n_columns, height, width = *aperture.shape, *views.shape[-2:]
     rows, columns = (torch.arange(n, dtype=torch.float64, device=views.device) for n in (height, width))
-    images, coverages = [], []
+    images = []
     for plane in planes:
         image = torch.zeros_like(batches.radiance(views[:, 0, 0]))
         coverage = torch.zeros(height, width, dtype=torch.float64, device=views.device)
@@ -71,16 +56,13 @@ def mean_of_views(
             image = image + torch.where(counted, samples, 0.0) * weight
             coverage = coverage + counted.to(coverage) * weight
         images.append(image * torch.where(coverage > 0, 1 / coverage, 0.0).to(image))
-        coverages.append(coverage)
-    return torch.stack(images, dim=1), torch.stack(coverages)
+    return torch.stack(images, dim=1)
 
 
 def sample(images: Tensor, x: Tensor, y: Tensor, method: Interpolation, border: Border) -> tuple[Tensor, Tensor]:
     """Read images [..., H, W] at any positions in pixels, float64, that broadcast to [P...].
 
-    Returns:
-        Samples, [..., P...], and whether each position has one, [P...]: where it lies on the image if only samples
-        count, else everywhere.
+    Returns samples [..., P...], and where there are some, [P...]: on the image if only samples count, else everywhere.
     """
     assert method.weights is not None, "this interpolation reads all samples"
     taps, has_sample = [], torch.ones_like(x, dtype=torch.bool)
@@ -93,17 +75,11 @@ def sample(images: Tensor, x: Tensor, y: Tensor, method: Interpolation, border: 
         if border.counts_only_samples:
             has_sample = has_sample & (position >= -ON_VIEW) & (position <= length - 1 + ON_VIEW)
     flat, width = images.flatten(-2), images.shape[-1]
-    # A weight of 0 must not let inf or NaN through; checked once, as the guard costs more than the taps themselves.
-    is_finite = bool(images.detach().sum().isfinite())
     total = torch.zeros((), dtype=images.dtype, device=images.device)
     for row, row_weight in taps[0]:
         for column, column_weight in taps[1]:
             weight, index = (row_weight * column_weight).to(images), row * width + column
             # Far faster than `flat[..., index]`.
             samples = flat.gather(-1, index.reshape(-1).expand(*flat.shape[:-1], -1))
-            samples = samples.reshape(*flat.shape[:-1], *index.shape)
-            if not is_finite:
-                # Finite samples stay: the derivative by the position needs them, at weight 0 too.
-                samples = torch.where(weight == 0, samples.nan_to_num(0.0, 0.0, 0.0), samples)
-            total = total + samples * weight
+            total = total + samples.reshape(*flat.shape[:-1], *index.shape) * weight
     return total, has_sample

@@ -41,7 +41,7 @@ def homography(
         A pixel that no weighted view covers is 0.
 
     Raises:
-        InputError: Views, matrices, weights or names that cannot be used, or a plane in front of no camera.
+        InputError: Views, matrices, weights or names that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
@@ -58,45 +58,17 @@ def homography(
             f"matrices must be {list(expected)} or [N, {', '.join(map(str, expected))}]",
             got=f"shape {list(values.shape)}",
         )
-    values = values.reshape(-1, *expected)
-    used = values.detach()[:, (aperture > 0).to(batch.device)]
-    if not bool(used.isfinite().all()):
-        raise InputError("matrices must be finite", remedy="give views without a calibration the weight 0")
-    if not _are_invertible(used):
-        raise InputError("matrices must be invertible", got="a singular one", remedy="a plane may not meet a camera")
-    planes = [ViewMap(matrices=of_views) for of_views in values]
-    stack, coverage = mean_of_views(batch, aperture, planes, interpolation, border)
-    if not bool(coverage.flatten(1).any(1).all()):
-        raise InputError(
-            "at least one view must have a sample of each plane",
-            got="none",
-            remedy="matrices go from output to view pixels; a plane that is behind all cameras may need the sign -1",
-        )
-    return batches.restored(stack, views)
+    planes = [ViewMap(matrices=of_views) for of_views in values.reshape(-1, *expected)]
+    return batches.restored(mean_of_views(batch, aperture, planes, interpolation, border), views)
 
 
 def slope_homographies(slopes: Slopes, grid: tuple[int, int], positions: Tensor | None = None) -> Tensor:
-    """Homographies of coplanar cameras that all face planes parallel to theirs: shifts by s (u - u0), s (v - v0).
+    """Shifts by s (u - u0), s (v - v0) as homographies, float64, CPU, [N, V, U, 3, 3]: cameras that face the planes.
 
-    Args:
-        slopes: Focus in pixels per view step, [N].
-        grid: Number of view rows and columns (V, U).
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-    Returns:
-        Matrices, float64, CPU, [N, V, U, 3, 3].
-
-    Raises:
-        InputError: No slope, one that is not finite, or positions that cannot be used.
+    Cameras stand on the even grid (V, U), or at positions [V, U, 2] from its centre, in view steps.
     """
-    # The size is unknown here, so how far these reach cannot be checked: a grid of one view never shifts.
-    planes = geometry.checked_slopes(slopes, (1, 1), (1, 1))[:, None, None]
+    planes = geometry.as_slopes(slopes)[:, None, None]
     rows, columns = (batches.even(grid) if positions is None else batches.checked_positions(positions, grid)).unbind(-1)
     matrices = torch.eye(3, dtype=torch.float64).repeat(len(planes), *grid, 1, 1)
     matrices[..., 0, 2], matrices[..., 1, 2] = planes * columns, planes * rows
     return matrices
-
-
-def _are_invertible(matrices: Tensor) -> bool:
-    # Products of a few float64 matrices leave some 1e-15 where singular values ought to be 0.
-    return bool((torch.linalg.matrix_rank(matrices, rtol=1e-12) == 3).all())

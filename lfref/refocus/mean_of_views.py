@@ -11,20 +11,7 @@ from lfref.refocus import batches
 def mean_of_views(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, positions: Tensor | None = None
 ) -> Tensor:
-    """The same picture for every plane: the mean of the views, which is right at slope 0 only.
-
-    Args:
-        views: Radiance, floating point, uint8 or uint16, [..., V, U, C, H, W].
-        slopes: Of the planes, whose number counts, [N].
-        weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
-        positions: Not read.
-
-    Returns:
-        Stacks, type (float32 for integers) and device of the views, [..., N, C, H, W].
-
-    Raises:
-        InputError: Views, slopes or weights that cannot be used.
-    """
+    """The same picture for every plane, [..., N, C, H, W]: the mean of the views, which is right at slope 0 only."""
     batch = batches.flattened(views)
     aperture = batches.checked_weights(weights, batches.grid_and_size(batch)[0])
     factors = aperture.to(views.device, batches.working_dtype(views.dtype))

@@ -6,7 +6,7 @@ disparities of a block tell these apart (`block_filters`). In planes at whole sl
 its pixels, the median of both and of shift-and-sum through cells is the picture: each is wrong somewhere there, seldom
 two together.
 Where views lie far apart, filters of rows and columns confuse light at different disparities. Near focus, those of all
-views together (`wiener`) take their place, and the picture is bounded by what the views show (`bounded_by_views`).
+views together (`wiener`) take their place, and the picture is bounded by what the views show.
 Letters: `s` slope, `d` disparity in pixels per view step, `N` planes.
 """
 
@@ -14,7 +14,6 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.geometry import Slopes
 from lfref.refocus import batches, block_filters, separable_wiener
@@ -23,7 +22,7 @@ from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.fourier.disparity_layers import CONFUSABLE, Energies, bounded_by_views
 from lfref.refocus.operator import has_traits
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
-from lfref.refocus.wiener import wiener
+from lfref.refocus.wiener import refocus_jointly
 from lfref.refocus.wiener_filters import prior_of_map
 
 WHOLE = 0.1
@@ -60,7 +59,7 @@ def occlusion_aware(
         Derivatives leave out that disparities depend on the views.
 
     Raises:
-        InputError: Views, slopes, weights or disparities that cannot be used.
+        InputError: Views, slopes or weights that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
@@ -75,19 +74,10 @@ def occlusion_aware(
 def occlusion_aware_parts(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, disparities: Tensor | None = None
 ) -> Tensor:
-    """The stack of `occlusion_aware`, and the pictures by filters for all disparities.
-
-    Arguments and errors are those of `occlusion_aware`.
-
-    Returns:
-        Stack, and pictures for all disparities, side by side as channels, [..., N, 2 C, H, W].
-    """
+    """The stack of `occlusion_aware`, and the pictures by filters for all disparities, side by side as channels."""
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.symmetric_weights(weights, grid)
-    shape = (*views.shape[:-5], *size)
-    if disparities is not None and not (disparities.shape == shape and bool(disparities.isfinite().all())):
-        raise InputError(f"disparities must be finite, of shape {shape}", got=tuple(disparities.shape))
     known = [None] * len(batch) if disparities is None else disparities.reshape(-1, *size)
     stacks = []
     for typed, known_disparity in zip(batch, known, strict=True):
@@ -101,7 +91,7 @@ def occlusion_aware_parts(
         if is_wide:
             near = _nearness(disparity, planes)
             by_map = prior_of_map(disparity)._replace(noise=max(noise, LEAST_NOISE))
-            joint = wiener(field, planes, by_map, aperture)
+            joint = refocus_jointly(field, planes, by_map, aperture)
             everywhere = everywhere + near * (joint - everywhere)
         blocks = block_filters.refocus_by_blocks(field, planes, disparity, prior, aperture, noise)
         stack = everywhere + blocks.nearness * (blocks.stack - everywhere)

@@ -100,17 +100,9 @@ def refocus_by_rows_and_columns(
     aperture: Tensor,
     noise: float = 0.0,
 ) -> Tensor:
-    """One light field [V, U, C, H, W] refocused at the planes by a prior over its disparities.
+    """A light field [V, U, C, H, W] refocused at planes [N] by a prior over its disparities, [N, C, H, W].
 
-    Args:
-        field: Floating point.
-        planes: Slopes, float64, [N].
-        prior: Disparities, and the probability of each.
-        aperture: Weight of each view, together 1, symmetric about both axes, [V, U].
-        noise: `AxisSpectrum.noise`.
-
-    Returns:
-        The stack, [N, C, H, W].
+    The aperture [V, U], of sum 1, is symmetric about both axes; `noise` is that of `AxisSpectrum`.
     """
     grid, size = batches.grid_and_size(field)
     spectrum = SPECTRUM._replace(noise=noise)

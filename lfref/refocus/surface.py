@@ -1,8 +1,7 @@
 """Focus on a surface: a slope for every pixel, and its affine case, the tilted plane of a view camera.
 
 `I(x, y) = sum_uv w_uv L[v, u](x + s(x, y) (u - u0), y + s(x, y) (v - v0)) / sum_uv w_uv`, over views that have a
-sample there; differentiable in the views and in the slopes. Seen through cells of the aperture (see `footprint`), each
-pixel is blurred by its own distance from focus.
+sample there; differentiable in the views and in the slopes.
 Letters: `u v` view column and row, `x y` pixel column and row, `s` slope in pixels per view step.
 Source of `tilt_shift`: Vaish et al., "Synthetic aperture focusing using a shear-warp factorization of the viewing
 transform", 2005.
@@ -16,9 +15,8 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import Slopes
-from lfref.refocus import batches, footprint
+from lfref.refocus import batches
 from lfref.refocus.gather import ViewMap, mean_of_views
-from lfref.refocus.sampling import BORDERS
 
 
 def per_pixel(
@@ -27,8 +25,6 @@ def per_pixel(
     interpolation: str = "linear",
     border: str = "renormalize",
     weights: Tensor | None = None,
-    fill: float = 0.0,
-    disparity: float | Tensor = 0.0,
     positions: Tensor | None = None,
 ) -> Tensor:
     """Refocus light fields on surfaces, each pixel at its own slope.
@@ -39,8 +35,6 @@ def per_pixel(
         interpolation: `nearest`, `linear` or `cubic`.
         border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
-        fill: Side of a view's cell in view steps, >= 0, as in `shift_and_sum`.
-        disparity: Of the scene, in pixels per view step, as in `shift_and_sum`.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
@@ -48,14 +42,14 @@ def per_pixel(
         [..., N, C, H, W]. A pixel that no weighted view covers is 0.
 
     Raises:
-        InputError: Views, slopes, weights, cells, positions or names that cannot be used.
+        InputError: Views, slopes, weights, positions or names that cannot be used.
 
     Example:
         >>> views, slope_map = torch.rand(5, 5, 3, 48, 64), torch.full((48, 64), 0.25)
         >>> torch.allclose(lfref.per_pixel(views, slope_map), lfref.shift_and_sum(views, [0.25]), atol=1e-6)
         True
     """
-    batch, cell = batches.flattened(views), footprint.checked(fill, disparity, views)
+    batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     slopes = torch.as_tensor(slope_map, dtype=torch.float64, device=batch.device)
     if slopes.ndim not in (2, 3) or tuple(slopes.shape[-2:]) != size or slopes.numel() == 0:
@@ -68,9 +62,7 @@ def per_pixel(
     slopes = slopes.reshape(-1, *size)
     cameras = None if positions is None else batches.checked_positions(positions, grid)
     planes = [ViewMap(slopes=plane, positions=cameras) for plane in slopes]
-    stack, coverage = mean_of_views(batch, batches.checked_weights(weights, grid), planes, interpolation, border)
-    if cell.fill > 0:
-        stack = footprint.blurred(stack, cell.widths(slopes), BORDERS[border], coverage)
+    stack = mean_of_views(batch, batches.checked_weights(weights, grid), planes, interpolation, border)
     return batches.restored(stack, views)
 
 
@@ -81,8 +73,6 @@ def tilt_shift(
     interpolation: str = "linear",
     border: str = "renormalize",
     weights: Tensor | None = None,
-    fill: float = 0.0,
-    disparity: float | Tensor = 0.0,
     positions: Tensor | None = None,
 ) -> Tensor:
     """Refocus light fields on slanted planes: s(x, y) = slope + a x + b y, with x and y counted from pixel 0.
@@ -94,8 +84,6 @@ def tilt_shift(
         interpolation: `nearest`, `linear` or `cubic`.
         border: `renormalize`, `edge`, `zero` or `wrap`.
         weights: Synthetic aperture.
-        fill: Side of a view's cell.
-        disparity: Of the scene.
         positions: Of the cameras.
 
     Returns:
@@ -112,13 +100,9 @@ def tilt_shift(
     batches.check(views)
     focus = slope if isinstance(slope, Tensor) else geometry.as_slopes(slope)  # a tensor keeps its derivatives
     start = focus.to(views.device, torch.float64).reshape(-1, 1, 1)
-    expected = "tilt must be two numbers, slope per pixel along x and y"
-    try:
-        change = torch.as_tensor(tilt, dtype=torch.float64, device=views.device)
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise InputError(expected, got=repr(tilt)[:80]) from error
+    change = torch.as_tensor(tilt, dtype=torch.float64, device=views.device)
     if change.shape != (2,):
-        raise InputError(expected, got=f"shape {list(change.shape)}")
+        raise InputError("tilt must be two numbers, slope per pixel along x and y", got=f"shape {list(change.shape)}")
     rows, columns = (torch.arange(n, dtype=torch.float64, device=views.device) for n in views.shape[-2:])
     slope_map = start + change[0] * columns + change[1] * rows[:, None]
-    return per_pixel(views, slope_map, interpolation, border, weights, fill, disparity, positions)
+    return per_pixel(views, slope_map, interpolation, border, weights, positions)

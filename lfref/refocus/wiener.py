@@ -19,20 +19,15 @@ Source: Levin, Durand, "Linear view synthesis using a dimensionality gap light f
 
 import math
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.functional import fft_lengths, loops
-from lfref.functional.loops import LANES
-from lfref.geometry import Slopes
+from lfref.functional import fft_lengths
 from lfref.refocus import batches
-from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import exact
-from lfref.refocus.wiener_filters import Pairs, Prior, filters, opposites, prior_of_map
+from lfref.refocus.wiener_filters import Prior, filters, opposites
 
 TAIL = 12
 """Pixels that filters reach beyond the shifts of the views."""
@@ -42,44 +37,20 @@ MIXED_AT_ONCE = 2**20
 """Samples of the pairs that are mixed and transformed at once, 4 MB, about what caches hold; some copies are needed."""
 
 
-def wiener(views: Tensor, slopes: Slopes, prior: Prior | None = None, weights: Tensor | None = None) -> Tensor:
-    """Refocus light fields by the linear estimate of least mean square error.
+def refocus_jointly(field: Tensor, planes: Tensor, prior: Prior, aperture: Tensor) -> Tensor:
+    """A light field [V, U, C, H, W] refocused at planes [N] by filters of all views together, [N, C, H, W].
 
-    Args:
-        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
-        slopes: Focus in pixels per view step, [N].
-        prior: Which disparities the scene has; None takes those of each light field's own disparity map.
-        weights: Synthetic aperture of the photograph, >= 0, symmetric about both axes, [V, U]; each view stands for its
-            cell of it. Views of weight 0 are read too. None: the whole square.
-
-    Returns:
-        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
-
-    Raises:
-        InputError: Views, slopes or weights that cannot be used.
-
-    Example:
-        >>> views = torch.rand(5, 5, 3, 48, 64)
-        >>> lfref.wiener(views, [-0.5, 0.5]).shape
-        torch.Size([2, 3, 48, 64])
+    The aperture [V, U], of sum 1, is symmetric about both axes.
     """
-    batch = batches.radiance(batches.flattened(views))
-    grid, size = batches.grid_and_size(batch)
-    planes = geometry.checked_slopes(slopes, grid, size)
-    aperture = batches.symmetric_weights(weights, grid)
+    grid, size = batches.grid_and_size(field)
     # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
     margin = fft_lengths.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
     side = _side(margin, size)
-    by_loop = batches.is_compiled(batch)
-    stacks = []
-    for field in [batch] if prior else batch.split(1):  # without a prior, each light field has its own
-        known = prior or prior_of_map(coarse_disparity(field[0]))
-        factors = filters(known, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
-        table = batch.new_empty(len(planes), *_table_shape(grid[0] * grid[1], side, by_loop))
-        for place, plane in zip(table, factors, strict=True):
-            place.copy_(_lanes(plane) if by_loop else plane)
-        stacks.append(_filtered(field.flatten(1, 2), opposites(grid), table, side, margin, by_loop))
-    return batches.restored(torch.cat(stacks), views)
+    factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
+    table = field.new_empty(len(planes), grid[0] * grid[1], side, side // 2 + 1)
+    for place, plane in zip(table, factors, strict=True):
+        place.copy_(plane)
+    return _filtered(field[None].flatten(1, 2), table, side, margin)[0]
 
 
 def _side(margin: int, size: tuple[int, int]) -> int:
@@ -93,19 +64,10 @@ def _side(margin: int, size: tuple[int, int]) -> int:
     return min((side for side in sides if side > 2 * margin + 8), key=work)
 
 
-def _filtered(views: Tensor, pairs: Pairs, table: Tensor, side: int, margin: int, by_loop: bool) -> Tensor:
-    """Sums of filtered views.
+def _filtered(views: Tensor, table: Tensor, side: int, margin: int) -> Tensor:
+    """Sums [B, N, C, H, W] of views [B, V U, C, H, W], filtered in squares by the `filters` of all planes.
 
-    Args:
-        views: Light fields, views row by row, [B, V U, C, H, W].
-        pairs: Opposite views.
-        table: `filters` of all planes, [N, V U, side, side // 2 + 1], or their `_lanes` if the loop serves.
-        side: Of the squares, in pixels.
-        margin: Pixels around each square that are read but not written.
-        by_loop: Whether the compiled loop serves.
-
-    Returns:
-        Stacks, [B, N, C, H, W].
+    Of each square of `side` pixels, `margin` pixels at each border are read but not written.
     """
     size = views.shape[-2:]
     step = side - 2 * margin
@@ -117,8 +79,8 @@ def _filtered(views: Tensor, pairs: Pairs, table: Tensor, side: int, margin: int
         for first in range(0, counts[1], n_squares):
             last = min(first + n_squares, counts[1])
             left = first * step - margin
-            spectra = _spectra(views, pairs, (row * step - margin, left), last - first, side, step)
-            total = (_by_loop if by_loop else _by_torch)(spectra.flatten(1, 3), table, len(pairs.first))
+            spectra = _spectra(views, (row * step - margin, left), last - first, side, step)
+            total = _mixed(spectra.flatten(1, 3), table, opposites(views.shape[1])[0])
             total = total.unflatten(1, spectra.shape[1:4]).transpose(0, 1)
             inner = torch.fft.irfft2(total, s=(side, side))[..., margin : side - margin, margin : side - margin]
             place = stack[..., row * step : (row + 1) * step, first * step : last * step]
@@ -127,19 +89,11 @@ def _filtered(views: Tensor, pairs: Pairs, table: Tensor, side: int, margin: int
     return stack
 
 
-def _spectra(views: Tensor, pairs: Pairs, corner: tuple[int, int], n_squares: int, side: int, step: int) -> Tensor:
-    """Spectra of sums of opposite views, of the central view, and of differences, in squares `step` pixels apart.
+def _spectra(views: Tensor, corner: tuple[int, int], n_squares: int, side: int, step: int) -> Tensor:
+    """Spectra of sums of opposite views, of the central view, and of differences, [V U, B, C, T, side, side // 2 + 1].
 
-    Args:
-        views: Light fields, views row by row, [B, V U, C, H, W].
-        pairs: Opposite views.
-        corner: Row and column of the first square's first pixel; beyond the views the outermost pixels are repeated.
-        n_squares: Number of squares T, side by side.
-        side: Of the squares, in pixels.
-        step: From square to square, in pixels.
-
-    Returns:
-        Complex, [V U, B, C, T, side, side // 2 + 1].
+    T squares lie side by side, `step` pixels apart, the first pixel of the first one at `corner` of the views
+    [B, V U, C, H, W]; beyond the views, the outermost pixels are repeated.
     """
     n_fields, n_views, n_channels = views.shape[:3]
     shape = (n_views, n_fields, n_channels, n_squares, side, side // 2 + 1)
@@ -153,97 +107,24 @@ def _spectra(views: Tensor, pairs: Pairs, corner: tuple[int, int], n_squares: in
         squares = padded.unfold(-1, side, step).movedim(-2, -3)
         spectra[first : first + mixed.shape[1]] = torch.fft.rfft2(squares).transpose(0, 1)
 
-    n_sums = len(pairs.first)
+    n_sums, n_pairs = opposites(n_views)
     n_at_once = max(1, MIXED_AT_ONCE // (n_fields * n_channels * side * width))
-    for first in range(0, pairs.n_pairs, n_at_once):
-        last = min(first + n_at_once, pairs.n_pairs)
+    for first in range(0, n_pairs, n_at_once):
+        last = min(first + n_at_once, n_pairs)
         one, other = within[:, first:last], within[:, n_views - last : n_views - first].flip(1)
         transform(one + other, first)
         transform(one - other, n_sums + first)
-    if pairs.n_pairs < n_sums:
-        transform(within[:, pairs.n_pairs : n_sums], pairs.n_pairs)
+    if n_pairs < n_sums:
+        transform(within[:, n_pairs:n_sums], n_pairs)
     return spectra
 
 
-def _table_shape(n_views: int, side: int, by_loop: bool) -> tuple[int, ...]:
-    width = side // 2 + 1
-    return (side, -(-width // LANES), n_views, LANES) if by_loop else (n_views, side, width)
-
-
-def _lanes(factors: Tensor) -> Tensor:
-    """Factors of a plane [V U, side, K] with those of one lane together, [y, x lanes, p, LANES]."""
-    return F.pad(factors, (0, -factors.shape[-1] % LANES)).unflatten(-1, (-1, LANES)).permute(1, 2, 0, 3)
-
-
-def _by_loop(spectra: Tensor, table: Tensor, n_sums: int) -> Tensor:
-    """Spectra [V U, J, side, K] times `_lanes` of factors, added up, [N, J, side, K]; times i after `n_sums`."""
-    pairs = torch.view_as_real(spectra.resolve_conj().contiguous()).numpy()
-    total = np.empty((len(table), *pairs.shape[1:]), pairs.dtype)
-    lanes = table.numpy()
-    n_threads = loops.worthwhile(total.size, 1 << 18)  # numbers from which one more thread pays
-    jobs = ((pairs, lanes, n_sums, *band, total) for band in loops.bands(pairs.shape[2], n_threads))
-    loops.share(add_rows, jobs, n_threads)
-    return torch.view_as_complex(torch.from_numpy(total))
-
-
-def _by_torch(spectra: Tensor, factors: Tensor, n_sums: int) -> Tensor:
-    """`_by_loop` in PyTorch: it has derivatives, and runs on a GPU."""
-    parts = []
-    for first, count in ((0, n_sums), (n_sums, len(spectra) - n_sums)):
-        data = torch.view_as_real(spectra[first : first + count]).permute(2, 3, 0, 1, 4)
-        weights = factors[:, first : first + count].permute(2, 3, 0, 1)
-        parts.append(torch.matmul(weights, data.flatten(3)).unflatten(3, (-1, 2)))
-    sums, differences = parts
-    real, imaginary = sums[..., 0] - differences[..., 1], sums[..., 1] + differences[..., 0]
-    return torch.complex(real, imaginary).permute(2, 3, 0, 1)
-
-
-@loops.compiled
-def add_rows(
-    spectra: NDArray, factors: NDArray, n_sums: int, first: int, last: int, total: NDArray
-) -> None:  # pragma: no cover - compiled
-    """Rows of frequencies from `first` to before `last`: spectra [p, j, y, x, 2] to a total [n, j, y, x, 2].
-
-    `n` plane, `p` sum or difference of opposite views, `j` picture (light field, channel and square), `y x` row and
-    column of frequencies; factors are [n, y, x lanes, p, LANES], real for the first `n_sums` p, then times i.
-    """
-    n_mixed, n_pictures, _, width, _ = spectra.shape
-    # Zeros, not empty: the last lane of a row may be short, and what lies beyond it is added up as well.
-    real = np.zeros((n_pictures, n_mixed, LANES), spectra.dtype)
-    imaginary = np.zeros((n_pictures, n_mixed, LANES), spectra.dtype)
-    both = np.zeros((2, LANES), spectra.dtype)
-    for y in range(first, last):
-        for x in range(0, width, LANES):
-            lanes = min(LANES, width - x)
-            # Real and imaginary parts are gathered once, and serve all planes.
-            for p in range(n_mixed):
-                for j in range(n_pictures):
-                    for lane in range(lanes):
-                        real[j, p, lane] = spectra[p, j, y, x + lane, 0]
-                        imaginary[j, p, lane] = spectra[p, j, y, x + lane, 1]
-            for n in range(factors.shape[0]):
-                weights = factors[n, y, x // LANES]
-                for j in range(n_pictures):
-                    both[:] = 0
-                    # Factors of sums are real; those of differences are times i, which swaps the parts.
-                    _add(real[j, :n_sums], weights[:n_sums], 1, both[0])
-                    _add(imaginary[j, :n_sums], weights[:n_sums], 1, both[1])
-                    _add(imaginary[j, n_sums:], weights[n_sums:], -1, both[0])
-                    _add(real[j, n_sums:], weights[n_sums:], 1, both[1])
-                    for lane in range(lanes):
-                        total[n, j, y, x + lane, 0] = both[0, lane]
-                        total[n, j, y, x + lane, 1] = both[1, lane]
-
-
-@loops.compiled
-def _add(values: NDArray, weights: NDArray, sign: int, total: NDArray) -> None:  # pragma: no cover - compiled
-    """Add sign times the weighted sum of values [p, LANES] to a total [LANES], read and written once for four p."""
-    last = len(values) - len(values) % 4
-    for p in range(0, last, 4):
-        for lane in range(LANES):
-            near = weights[p, lane] * values[p, lane] + weights[p + 1, lane] * values[p + 1, lane]
-            far = weights[p + 2, lane] * values[p + 2, lane] + weights[p + 3, lane] * values[p + 3, lane]
-            total[lane] += sign * (near + far)
-    for p in range(last, len(values)):
-        for lane in range(LANES):
-            total[lane] += sign * weights[p, lane] * values[p, lane]
+def _mixed(spectra: Tensor, table: Tensor, n_sums: int) -> Tensor:
+    """Spectra [V U, J, side, K] times factors [N, V U, side, K], added up, [N, J, side, K]; times i after `n_sums`."""
+    parts, stack = torch.view_as_real(spectra).movedim(-1, 1).contiguous(), []
+    for factors in table:
+        sums, differences = torch.zeros_like(parts[0]), torch.zeros_like(parts[0])
+        for p, (part, factor) in enumerate(zip(parts, factors, strict=True)):
+            (sums if p < n_sums else differences).addcmul_(part, factor)
+        stack.append(torch.complex(sums[0] - differences[1], sums[1] + differences[0]))
+    return torch.stack(stack)

@@ -28,8 +28,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.errors import InputError
 from lfref.functional import fft_lengths
+from lfref.refocus.axis_filters import DECAY, FOLDS, OUTER
 from lfref.refocus.fourier import exact
 
 STEP = 0.12
@@ -38,12 +38,6 @@ MARGIN = 0.6
 """How far beyond the map's range disparities are still thought possible, in pixels per view step."""
 BROAD = 0.05
 """Probability that the map is wrong: spread evenly over its range and the margin."""
-DECAY = 2.5
-"""Power falls with frequency to this power: 3 for edges alone, 2 for fine grain."""
-OUTER = 0.01
-"""Cycles per pixel below which power stays level: a picture has some hundred pixels."""
-FOLDS = torch.tensor([-1.0, 0.0, 1.0], dtype=torch.float64)
-"""m along one axis: farther folds have next to no power."""
 
 
 class Prior(NamedTuple):
@@ -73,52 +67,29 @@ class Prior(NamedTuple):
         return float(self.power(steps[:, None], steps).mean())
 
 
-def prior_of_map(disparity: Tensor, confidence: Tensor | None = None) -> Prior:
-    """The prior of a disparity map: its histogram, rare values raised, and a broad part for errors of the map.
-
-    Args:
-        disparity: Of all pixels, in pixels per view step, finite, any shape.
-        confidence: Weight of each, >= 0, of the same shape; None weighs all alike.
-
-    Raises:
-        InputError: A disparity that is not finite.
-    """
+def prior_of_map(disparity: Tensor) -> Prior:
+    """The prior of a disparity map: its histogram, rare values raised, and a broad part for errors of the map."""
     values = disparity.detach().double().cpu().flatten()
-    if not bool(values.isfinite().all()) or values.numel() == 0:
-        raise InputError("disparities must be finite and at least one", got="NaN, infinity or none")
-    counts = torch.ones_like(values) if confidence is None else confidence.detach().double().cpu().flatten()
     first = math.floor((float(values.min()) - MARGIN) / STEP)
     last = math.ceil((float(values.max()) + MARGIN) / STEP)
     # Each value counts for its two neighbouring bins, by its distance, so that the mean disparity is kept.
     histogram = torch.zeros(last - first + 2, dtype=torch.float64)
     position = values / STEP - first
     below = position.floor().long()
-    histogram.index_add_(0, below, counts * (1 - position + below))
-    histogram.index_add_(0, below + 1, counts * (position - below))
+    histogram.index_add_(0, below, 1 - position + below)
+    histogram.index_add_(0, below + 1, position - below)
     # Rare disparities are edges more often than not, where the estimate has to be good: the root raises them.
     raised = histogram.sqrt()
     shares = (1 - BROAD) * raised / raised.sum() + BROAD / len(raised)
     return Prior(tuple((STEP * (first + i)) for i in range(len(shares))), tuple(shares.tolist()))
 
 
-def prior_between(first: float, last: float) -> Prior:
-    """The prior of a scene of which only the extreme disparities are known, in pixels per view step, in any order."""
-    return prior_of_map(torch.arange(min(first, last), max(first, last) + STEP / 2, STEP, dtype=torch.float64))
+def opposites(n_views: int) -> tuple[int, int]:
+    """Numbers of sums and of differences of opposite views: pairs have both, a central view is a sum of its own.
 
-
-class Pairs(NamedTuple):
-    """Views by their opposites: P pairs, then the central view, if there is one."""
-
-    first: Tensor
-    """Number of the first view of each pair and of the central one, row by row, [P + 0 or 1]."""
-    n_pairs: int
-    """P."""
-
-
-def opposites(grid: tuple[int, int]) -> Pairs:
-    """The pairs of a grid (V, U)."""
-    n_views = grid[0] * grid[1]
-    return Pairs(torch.arange((n_views + 1) // 2), n_views // 2)
+    The first views of the pairs, then the central one, are the first views of the grid, row by row.
+    """
+    return (n_views + 1) // 2, n_views // 2
 
 
 def filters(
@@ -131,28 +102,17 @@ def filters(
 ) -> Iterator[Tensor]:
     """Factors of the sums of opposite views, of the central view, and of the differences, which are times i.
 
-    Plane by plane, since all of a large grid exceed the views of a small one.
-
-    Args:
-        prior: What the scene is like.
-        slopes: In pixels per view step, [N].
-        grid: View rows and columns (V, U).
-        aperture: Weight of each view, together 1, symmetric about both axes, [V, U].
-        reach: Pixels that a filter spans on either side.
-        side: Of the square that is transformed, in pixels, even, at best twice the reach.
-
-    Yields:
-        For each plane, real, float32, at the frequencies of `rfft2`, [V U, side, side // 2 + 1].
+    Plane by plane, [V U, side, side // 2 + 1] at the frequencies of `rfft2`, since all of a large grid exceed the views
+    of a small one. Filters span `reach` pixels on either side; the square of `side` pixels is at best twice as large.
     """
     # A filter that reaches no farther is known by the frequencies of a square of twice its reach: only these are
     # solved for; larger squares get them by padding in pixels.
     coarse = min(side, fft_lengths.next_fast_even(2 * reach))
-    pairs = opposites(grid)
-    n_sums = len(pairs.first)
+    n_sums, n_pairs = opposites(grid[0] * grid[1])
     for factors in _coarse_filters(prior, slopes, grid, aperture, coarse):
-        sums, differences = factors.split([n_sums, pairs.n_pairs])
-        plane = _finer(torch.complex(sums, F.pad(differences, (0, 0, 0, 0, 0, n_sums - pairs.n_pairs))), side)
-        yield torch.cat([plane.real, plane.imag[: pairs.n_pairs]])
+        sums, differences = factors.split([n_sums, n_pairs])
+        plane = _finer(torch.complex(sums, F.pad(differences, (0, 0, 0, 0, 0, n_sums - n_pairs))), side)
+        yield torch.cat([plane.real, plane.imag[:n_pairs]])
 
 
 @functools.lru_cache(maxsize=8)
@@ -164,14 +124,14 @@ def _coarse_filters(
     side: int,
 ) -> Tensor:
     """`filters` of all planes for the smallest square, [N, V U, side, side // 2 + 1]."""
-    pairs = opposites(grid)
-    n_sums = len(pairs.first)
+    n_views = grid[0] * grid[1]
     half = exact.half_frequencies(side)
     planes, weights = torch.tensor(slopes, dtype=torch.float64), torch.tensor(aperture, dtype=torch.float64)
     columns = axis(half, grid[1])
     factors = torch.stack([_factors_of_row(prior, planes, weights, axis(row[None], grid[0]), columns) for row in half])
     # The mean brightness passes unchanged: the least squares would shrink it by the noise.
-    factors[0, 0] /= (factors[0, 0, :, :n_sums] * _counts(pairs)).sum(-1, keepdim=True)
+    counts = _counts(n_views)
+    factors[0, 0] /= (factors[0, 0, :, : len(counts)] * counts).sum(-1, keepdim=True)
     # Half a cycle per pixel is both signs of its frequency; negative frequencies mirror the positive ones.
     last = (factors[-1:] + _mirrored(factors[-1:], grid)) / 2
     factors = torch.cat([factors[:-1], last, _mirrored(factors[1:-1], grid).flip(0)])
@@ -192,24 +152,25 @@ def _finer(spectra: Tensor, side: int) -> Tensor:
     return torch.fft.rfft2(padded.roll((-(coarse // 2), -(coarse // 2)), (-2, -1)))
 
 
-def _counts(pairs: Pairs) -> Tensor:
+def _counts(n_views: int) -> Tensor:
     """Number of views in each sum of opposite views: 2, of the central view 1."""
-    return torch.where(torch.arange(len(pairs.first)) < pairs.n_pairs, 2.0, 1.0).double()
+    n_sums, n_pairs = opposites(n_views)
+    return torch.where(torch.arange(n_sums) < n_pairs, 2.0, 1.0).double()
 
 
 def _mirrored(factors: Tensor, grid: tuple[int, int]) -> Tensor:
     """Factors [..., V U] at the opposite vertical frequency: those of the views mirrored in the horizontal axis.
 
-    Only the first of each pair of opposite views is stored. The mirror image (V - 1 - v, u) of such a view is the
-    opposite of (v, U - 1 - u), which is stored; views of the middle row are their own images.
+    The mirror image (V - 1 - v, u) of a stored view is the opposite of (v, U - 1 - u), which is stored.
     """
-    pairs = opposites(grid)
-    v, u = pairs.first // grid[1], pairs.first % grid[1]
+    n_sums, n_pairs = opposites(grid[0] * grid[1])
+    first = torch.arange(n_sums)
+    v, u = first // grid[1], first % grid[1]
     is_middle = 2 * v == grid[0] - 1
-    mirror = torch.where(is_middle, pairs.first, v * grid[1] + grid[1] - 1 - u)
-    sums, differences = factors.split([len(mirror), pairs.n_pairs], -1)
-    sign = torch.where(is_middle, 1.0, -1.0).to(factors)[: pairs.n_pairs]
-    return torch.cat([sums[..., mirror], differences[..., mirror[: pairs.n_pairs]] * sign], -1)
+    mirror = torch.where(is_middle, first, v * grid[1] + grid[1] - 1 - u)
+    sums, differences = factors.split([n_sums, n_pairs], -1)
+    sign = torch.where(is_middle, 1.0, -1.0).to(factors)[:n_pairs]
+    return torch.cat([sums[..., mirror], differences[..., mirror[:n_pairs]] * sign], -1)
 
 
 class Axis(NamedTuple):
@@ -287,13 +248,13 @@ def _solved(covariance: Tensor, photographs: Tensor, noise: Tensor, grid: tuple[
     sum_a (alpha + i beta) C(a - b) + (alpha - i beta) C(-a - b) = b_b. The central view is its own opposite: as a pair
     it is counted twice, which halves its row and its column.
     """
-    pairs = opposites(grid)
-    v, u = pairs.first // grid[1], pairs.first % grid[1]
+    first = torch.arange(opposites(grid[0] * grid[1])[0])
+    v, u = first // grid[1], first % grid[1]
     minus = covariance[:, v[:, None] - v + grid[0] - 1, u[:, None] - u + grid[1] - 1]
     plus = covariance[:, v[:, None] + v, u[:, None] + u]
     crossed = -minus.imag - plus.imag
     upper, lower = torch.cat([minus.real + plus.real, crossed.mT], -1), torch.cat([crossed, minus.real - plus.real], -1)
-    matrix, count = torch.cat([upper, lower], -2), _counts(pairs) / 2
+    matrix, count = torch.cat([upper, lower], -2), _counts(grid[0] * grid[1]) / 2
     scale = torch.cat([count, torch.ones_like(count)])
     matrix = matrix * scale[:, None] * scale + torch.diag_embed(noise[:, None] * scale)
     right = torch.cat([photographs.real, photographs.imag], -1) * scale

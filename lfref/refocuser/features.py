@@ -61,8 +61,6 @@ FEATURES = (
     *("picture", "inner", "spread", "defocus", "relief", "coverage", "fraction", "views", "error_scale", "noise"),
 )
 """Names of all features."""
-WIDE = {"defocus": 2, "relief": 2}
-"""Channels of features that have more than one, besides the candidates and `picture`."""
 PLAIN_SUM = functools.partial(shift_and_sum, interpolation="cubic")
 """What `sum`, `inner` and `spread` are measured by."""
 
@@ -97,21 +95,11 @@ class RefinerInputs(NamedTuple):
 
 
 def check_names(names: Sequence[str], n_candidates: int = 0) -> None:
-    """Refuse unknown features, and features of which no correction can be mixed.
-
-    Args:
-        names: Of features.
-        n_candidates: How many of them, the first ones, the refiner takes for candidates.
-
-    Raises:
-        InputError: A name is not in `FEATURES`, or one of the first is not in `CANDIDATES`.
-    """
-    if unknown := [name for name in names if name not in FEATURES]:
-        raise InputError(f"features must be among {', '.join(FEATURES)}", got=", ".join(map(str, unknown)))
+    """Refuse unknown features, and a first `n_candidates` of them that are no candidates."""
     first = tuple(names)[:n_candidates]
-    if len(first) < n_candidates or not set(first) <= set(CANDIDATES):
-        expected = f"the first {n_candidates} features must be among {', '.join(CANDIDATES)}"
-        raise InputError(expected, got=first, remedy="order the features of the recipe, or set net.n_candidates")
+    if not set(names) <= set(FEATURES) or len(first) < n_candidates or not set(first) <= set(CANDIDATES):
+        expected = f"features must be among {', '.join(FEATURES)}, the first {n_candidates} of them candidates"
+        raise InputError(expected, got=names, remedy=f"candidates are {', '.join(CANDIDATES)}")
 
 
 def refiner_inputs(
@@ -122,21 +110,9 @@ def refiner_inputs(
     n_at_once: int | None = None,
     dtype: torch.dtype = torch.float32,
 ) -> Iterator[RefinerInputs]:
-    """Refocus a light field by a classical method, and compute what a refiner reads of the planes.
+    """Refocus a light field by the method `base` at slopes [N], and compute what a refiner reads of the planes.
 
-    Args:
-        light: Floating point.
-        slopes: In pixels per view step, float64, [N].
-        base: The method that makes the pictures; its aperture counts for the features too.
-        names: Of `FEATURES`, in the order in which the refiner reads them.
-        n_at_once: Planes in each part; None: all.
-        dtype: Of the features.
-
-    Yields:
-        Consecutive planes, `n_at_once` in each part but the last.
-
-    Raises:
-        InputError: There is no such feature.
+    Yields `n_at_once` consecutive planes in each part, or all; features of `names`, in this order, in `dtype`.
     """
     check_names(names)
     views, weight = light.views, light.weight

@@ -28,11 +28,8 @@ AT_ONCE = 2**21
 def filled(views: Tensor, weight: Tensor) -> Tensor:
     """Replace samples of little weight by the weighted mean of all views at that pixel.
 
-    Samples below `TRUSTED` fade to that mean, which is black where no view has any weight.
-
-    Args:
-        views: Floating point, [..., V, U, C, H, W].
-        weight: Trust in each sample, >= 0, in the type of the views, [..., V, U, 1, H, W].
+    Samples below `TRUSTED` fade to that mean, which is black where no view has any weight. Views are
+    [..., V, U, C, H, W], their weight [..., V, U, 1, H, W].
     """
     # Samples of less weight are filled.
     least = TRUSTED * weight.amax((-5, -4), keepdim=True)
@@ -54,12 +51,7 @@ def filled(views: Tensor, weight: Tensor) -> Tensor:
 
 
 def readable(views: Tensor, weight: Tensor) -> Tensor:
-    """The views, black where a sample has weight 0 and is not finite: 0 times NaN is NaN.
-
-    Args:
-        views: Of any type, [..., V, U, C, H, W].
-        weight: Trust in each sample, >= 0, [..., V, U, 1, H, W].
-    """
+    """The views, black where a sample has weight 0 and is not finite: 0 times NaN is NaN."""
     if not views.is_floating_point() or batches.is_finite(views):
         return views
     return torch.where((weight == 0) & ~views.isfinite(), 0, views)
@@ -71,13 +63,7 @@ def trusted(weight: Tensor) -> Tensor:
 
 
 def extended(views: Tensor, is_trusted: Tensor, in_place: bool = False) -> Tensor:
-    """Continue the views smoothly over pixels where no view is trusted, so that blurs mix in no black.
-
-    Args:
-        views: Return value of `filled`, [..., V, U, C, H, W].
-        is_trusted: Return value of `trusted`, [..., V, U, 1, H, W].
-        in_place: Whether the views may be changed.
-    """
+    """Continue `filled` views smoothly over pixels where none is `trusted`, so that blurs mix in no black."""
     known = is_trusted.any(-5).any(-4)
     y, x = (~known).flatten(0, -3).any(0).nonzero(as_tuple=True)
     if len(y) == 0:
@@ -91,12 +77,7 @@ def extended(views: Tensor, is_trusted: Tensor, in_place: bool = False) -> Tenso
 
 
 def continued(images: Tensor, known: Tensor) -> Tensor:
-    """Images whose unknown pixels are taken from the means of ever larger squares.
-
-    Args:
-        images: Floating point, [B, C, H, W].
-        known: 1 where a pixel is known, else 0, [B, 1, H, W].
-    """
+    """Images [B, C, H, W] whose unknown pixels, 0 in [B, 1, H, W], are taken from the means of ever larger squares."""
     if min(images.shape[-2:]) == 1 or bool((known > 0).all()):
         return images
     share = F.avg_pool2d(known, 2, ceil_mode=True)

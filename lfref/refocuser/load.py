@@ -12,12 +12,11 @@ from lfref.errors import CheckpointError, first_line
 from lfref.extras import needed
 from lfref.geometry import planes_from
 from lfref.io.run import Run, run_name
-from lfref.lightfield import check_views
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
 from lfref.refocuser import filling, networks
-from lfref.refocuser.networks import NetworkRefocuser, learned, refnet
+from lfref.refocuser.networks import learned, refnet
 from lfref.refocuser.refocuser import Refocuser, check_for_network
 
 CPU = torch.device("cpu")
@@ -81,66 +80,31 @@ def load_onnx(path: Path) -> Refocuser:
             (stack,) = session.run([STACK], {name: each.numpy() for name, each in zip(names, inputs, strict=True)})
             return torch.from_numpy(stack)
 
-        return exported(run, description)
+        return Exported(run, description)
     except Exception as error:  # ONNX Runtime raises any error for a foreign file
         remedy = "give what lfref export wrote"
         raise CheckpointError(f"{path} must be a model of lfref", got=first_line(error), remedy=remedy) from error
 
 
-def exported(run: Callable[..., Tensor], description: Mapping[str, Any]) -> Refocuser:
-    """A refocuser that a runtime computes on the CPU.
-
-    Args:
-        run: Views [B, V, U, C, H, W] -> stacks of a network, or views [V, U, C, H, W] and slopes [N] -> stack of an
-            operator; float32.
-        description: Name, axes of the views, and of a network planes and `is_linear`.
-    """
-    *_, n_rows, n_columns, channels, _, _ = description[VIEWS]
-    grid = int(n_rows), int(n_columns)
-    if "planes" not in description:
-        return ExportedOperator(run, description["name"], grid)
-    planes = planes_from(description["planes"])
-    network = ExportedNetwork(run, len(planes), grid, int(channels))
-    refocuser = NetworkRefocuser(network, planes, description["name"], description["is_linear"])
-    refocuser.device = CPU
-    return refocuser
-
-
-class ExportedOperator(Refocuser):
-    """Views and slopes -> stack by a runtime."""
+class Exported(Refocuser):
+    """A model that a runtime computes on the CPU in float32: of a network, or of an operator, which reads slopes."""
 
     device = CPU
 
-    def __init__(self, run: Callable[..., Tensor], name: str, grid: tuple[int, int]) -> None:
-        self.run, self.name, self.grid = run, name, grid
+    def __init__(self, run: Callable[..., Tensor], description: Mapping[str, Any]) -> None:
+        *_, n_rows, n_columns, _, _, _ = description[VIEWS]
+        self.run, self.name, self.grid = run, description["name"], (int(n_rows), int(n_columns))
+        self.is_network = "planes" in description
+        if self.is_network:
+            self.planes, self.is_linear = planes_from(description["planes"]), description["is_linear"]
 
+    @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """As in `Refocuser`; untrusted samples are replaced by what the other views show."""
         light = batches.radiance(views)
         check_for_network(self.name, light, positions, CPU)
         if weight is not None:
             light = filling.filled(light, weight.to(light))
-        fields = batches.flattened(light).float().contiguous()
-        return batches.restored(torch.stack([self.run(field, slopes.float()) for field in fields]), views)
-
-
-class ExportedNetwork(Network):
-    """Views [..., V, U, C, H, W] -> stack by a runtime."""
-
-    name = "exported"
-
-    def __init__(self, run: Callable[..., Tensor], n_planes: int, grid: tuple[int, int], channels: int) -> None:
-        super().__init__()
-        self.run, self.n_planes, self.grid = run, n_planes, grid
-        self.config = {"channels": channels}
-
-    @property
-    def like(self) -> Tensor:
-        """As in `Network`."""
-        return torch.empty(0)
-
-    def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """As in `Network`."""
-        check_views(views)
-        stack = self.run(views.reshape(-1, *views.shape[-5:]).float().contiguous())
-        return stack.reshape(*views.shape[:-5], *stack.shape[1:])
+        fields, planes = batches.flattened(light).float().contiguous(), slopes.float()
+        stacks = self.run(fields) if self.is_network else torch.stack([self.run(field, planes) for field in fields])
+        return batches.restored(stacks, views)

@@ -47,17 +47,7 @@ BF16_INSTRUCTIONS = ("amx_bf16", "avx512_bf16")
 
 
 class RefinedRefocuser(Refocuser):
-    """A classical method and the refiner that corrects its pictures, without gradients.
-
-    Args:
-        refiner: Features, pictures and error scale -> better pictures.
-        base: Makes the pictures.
-        names: Of the features, candidates first.
-        name: As tables and legends call it.
-
-    Raises:
-        InputError: Unknown features, or features of which the refiner cannot mix its corrections.
-    """
+    """A classical method `base` and the refiner that corrects its pictures by named features, without gradients."""
 
     is_network = True
 
@@ -79,18 +69,9 @@ class RefinedRefocuser(Refocuser):
             return self
         return RefinedRefocuser(self.refiner, self.base.through(aperture), self.names, self.name)
 
-    def entry(self) -> dict[str, Any]:
-        """The entry `lfref` of a checkpoint, from which the refocuser is built again."""
-        return refiner_entry(self.refiner, self.base, self.names)
-
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-        """The method's stack, corrected; black stays black.
-
-        Raises:
-            InputError: Views that are not finite, lie on another device or have other channels; cameras that do not
-                stand on an even grid.
-        """
+        """The method's stack, corrected; black stays black."""
         like = self.refiner.like
         radiance = batches.radiance(views).to(like.dtype)
         check_for_network(self.name, radiance, positions, like.device)
@@ -117,16 +98,7 @@ class RefinedRefocuser(Refocuser):
 
 
 def refiner_entry(refiner: Refiner, base: OperatorRefocuser, names: Sequence[str]) -> dict[str, Any]:
-    """The entry `lfref` of a checkpoint, from which the refocuser is built again.
-
-    Args:
-        refiner: The network.
-        base: One of `BASES`, perhaps with options bound to it.
-        names: Of the features.
-
-    Raises:
-        InputError: Another method.
-    """
+    """The entry `lfref` of the checkpoint of a network that refines one of `BASES`, by these features."""
     operator = next((name for name, known in BASES.items() if known is base.function), None)
     if operator is None or base.aperture is not None:
         raise InputError(f"a refiner must correct one of {', '.join(BASES)}, without an aperture", got=base.name)
@@ -137,53 +109,26 @@ def refiner_entry(refiner: Refiner, base: OperatorRefocuser, names: Sequence[str
 def restored_refiner(
     path: Path, contents: Mapping[str, Any], name: str, device: str | torch.device
 ) -> RefinedRefocuser:
-    """The refocuser of a checkpoint.
-
-    Args:
-        path: Of the checkpoint, for errors.
-        contents: Of `checkpoint.read`.
-        name: As tables and legends call it.
-        device: Where the network goes.
-
-    Raises:
-        CheckpointError: It describes none that can be built, or its weights have other shapes.
-    """
+    """The refocuser of a checkpoint, from what `checkpoint.read` returned; CheckpointError if it holds none."""
     entry = contents["lfref"]
-    if entry.get("format") != REFINER_FORMAT:
-        raise CheckpointError(
-            f"{path} must have format {REFINER_FORMAT}", got=entry.get("format"), remedy="update lfref"
-        )
     try:
-        base, names = described_refiner(entry)
+        if entry["format"] != REFINER_FORMAT:
+            raise CheckpointError(f"{path} must have format {REFINER_FORMAT}", got=entry["format"])
+        method, names = entry["base"], entry["features"]
+        for option in method["options"].values():
+            for value in option if isinstance(option, list | tuple) else [option]:
+                if not (value is None or isinstance(value, str) or abs(float(value)) <= LARGEST_OPTION):
+                    raise InputError(f"options must be at most {LARGEST_OPTION}", got=f"{value!r:.80}")
+        operator = functools.partial(chosen("method", method["operator"], BASES), **method["options"])
+        inspect.signature(operator).bind(None, None)  # TypeError: options that the method has not
         refiner = checkpoint.built(path, Refiner, entry[REFINER], contents["state_dict"])
-        check_names(names, refiner.n_candidates)
+        base = OperatorRefocuser(method["name"], operator)
+        refined = RefinedRefocuser(refiner.to(device), base, names, name)
     except CheckpointError:
         raise
     except (TypeError, KeyError, ValueError, AttributeError, OverflowError, RuntimeError) as error:
         raise CheckpointError(f"{path} describes no refiner that can be built", got=first_line(error)) from error
-    return RefinedRefocuser(refiner.to(device), base, names, name)
-
-
-def described_refiner(entry: Mapping[str, Any]) -> tuple[OperatorRefocuser, list[str]]:
-    """The method that is refined, and the names of the features.
-
-    Args:
-        entry: Of `refiner_entry`, by this version of lfref or an earlier one.
-
-    Raises:
-        InputError: There is no such method or feature.
-        KeyError: The entry lacks something.
-        TypeError: Options that the method has not.
-    """
-    method, names = entry["base"], entry["features"]
-    for name, option in method["options"].items():
-        for value in option if isinstance(option, list | tuple) else [option]:
-            if not (value is None or isinstance(value, str) or abs(float(value)) <= LARGEST_OPTION):
-                raise InputError(f"{name} must be at most {LARGEST_OPTION}", got=f"{value!r:.80}")
-    operator = functools.partial(chosen("method", method["operator"], BASES), **method["options"])
-    inspect.signature(operator).bind(None, None)
-    check_names(names)
-    return OperatorRefocuser(method["name"], operator), names
+    return refined
 
 
 SHIPPED = {name: Path(__file__).parents[1] / "weights" / f"{name}.safetensors" for name in ("learned", "refnet")}
@@ -191,17 +136,7 @@ SHIPPED = {name: Path(__file__).parents[1] / "weights" / f"{name}.safetensors" f
 
 
 class NetworkRefocuser(Refocuser):
-    """A trained network with the planes that it was trained for, without gradients.
-
-    Args:
-        network: Views and slopes -> stack.
-        planes: Planes of its labels.
-        name: As tables and legends call it; None takes the network's own.
-        is_linear: Whether it was trained on linear light or on encoded samples; None: not known.
-
-    Raises:
-        InputError: The network makes another number of planes.
-    """
+    """A trained network with the planes that it was trained for, without gradients."""
 
     is_network = True
 
@@ -222,12 +157,7 @@ class NetworkRefocuser(Refocuser):
 
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-        """The network's stack; integer views are scaled to [0, 1].
-
-        Raises:
-            InputError: Views that are not finite, lie on another device, or do not fit the network; cameras that do
-                not stand on an even grid.
-        """
+        """The network's stack; integer views are scaled to [0, 1]."""
         radiance = batches.radiance(views)
         check_for_network(self.name, radiance, positions, self.network.like.device)
         if weight is not None:
@@ -240,14 +170,6 @@ def learned(
     name: str = "learned", aperture: Aperture | None = None, device: str | torch.device = "cpu"
 ) -> RefinedRefocuser:
     """The model that ships with lfref: a classical method whose pictures a network corrects.
-
-    Args:
-        name: As tables and legends call it.
-        aperture: Weights of the views of any grid; None weighs all alike.
-        device: Where the network goes.
-
-    Raises:
-        CheckpointError: The installation is damaged.
 
     Example:
         >>> lfref.load()(torch.rand(5, 5, 3, 48, 64), [-0.5, 0.5]).shape
@@ -270,10 +192,5 @@ def restored_network(
 
 
 def refnet(name: str = "refnet", device: str | torch.device = "cpu") -> NetworkRefocuser:
-    """The RefNet that ships with lfref: 7x7 views, the paper's 16 planes; arguments and errors as for `learned`.
-
-    Example:
-        >>> lfref.load("refnet")(torch.rand(7, 7, 3, 48, 64)).shape
-        torch.Size([16, 3, 48, 64])
-    """
+    """The RefNet that ships with lfref: 7x7 views, the paper's 16 planes; arguments as for `learned`."""
     return restored_network(SHIPPED["refnet"], checkpoint.read(SHIPPED["refnet"]), name, device)

@@ -8,10 +8,9 @@ Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and
 import abc
 import inspect
 import itertools
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -20,7 +19,7 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.geometry import FocalPlanes, Slopes
 from lfref.lightfield import LightField
-from lfref.refocus import apertures, batches
+from lfref.refocus import batches
 from lfref.refocus.operator import traits
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import filling
@@ -42,7 +41,7 @@ class Refocuser(abc.ABC):
     """Whether it was trained on linear light or on encoded samples; None: it takes both."""
     device: torch.device | None = None
     """Device that it runs on, to which views are moved, and the stack back; None: that of the views."""
-    is_network: ClassVar[bool] = False
+    is_network: bool = False
     """Whether it has learned; all others are classical."""
 
     @property
@@ -68,7 +67,7 @@ class Refocuser(abc.ABC):
             return self(light.to(self.device), slopes).to(views.device)
         if not isinstance(light, LightField):
             batches.check(light)
-            return self._checked(self.stack(light, None, self.slopes(slopes)), light)
+            return self.stack(light, None, self.slopes(slopes))
         batches.check(light.views)
         if self.is_linear not in (None, light.is_linear):
             kinds = ["linear light", "samples as files hold them"]
@@ -76,15 +75,7 @@ class Refocuser(abc.ABC):
             remedy = "read it with encoding=none" if light.is_linear else "read it without encoding=none"
             raise InputError(f"{self.name} was trained on {trained}", got=got, remedy=remedy)
         views = light.views if light.weight is None else filling.readable(light.views, light.weight)
-        return self._checked(self.stack(views, light.weight, self.slopes(slopes), light.positions), views)
-
-    def _checked(self, stack: Any, views: Tensor) -> Tensor:
-        """The stack, if it is one: operators and networks may be a user's own."""
-        if isinstance(stack, Tensor) and stack.ndim >= 4 and stack.shape[:-4] == views.shape[:-5]:
-            return stack
-        expected = f"{self.name} must return a stack [..., N, C, H, W]"
-        got = f"shape {list(stack.shape)}" if isinstance(stack, Tensor) else type(stack).__name__
-        raise InputError(expected, got=got, remedy='see "Interface of each part" in docs/extending.md')
+        return self.stack(views, light.weight, self.slopes(slopes), light.positions)
 
     @abc.abstractmethod
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
@@ -95,17 +86,10 @@ class Refocuser(abc.ABC):
             weight: How far each sample is to be trusted, in [0, 1], [..., V, U, 1, H, W]; None means fully.
             slopes: In pixels per view step, [N].
             positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-        Raises:
-            InputError: Positions that it does not take.
         """
 
     def through(self, aperture: Aperture | None) -> "Refocuser":
-        """This method with an aperture; itself if it has one already, or cannot weigh views.
-
-        Args:
-            aperture: Weights of the views of any grid; None changes nothing.
-        """
+        """This method with an aperture; itself if it has one already, or cannot weigh views, or for None."""
         return self
 
     def to(self, device: torch.device) -> "Refocuser":
@@ -117,14 +101,7 @@ class Refocuser(abc.ABC):
         return 0.0
 
     def slopes(self, requested: Slopes | None) -> Tensor:
-        """The slopes to refocus to, float64, [N].
-
-        Args:
-            requested: In pixels per view step, [N]; None: those of `planes`.
-
-        Raises:
-            InputError: The network has other planes, or the method takes any planes and none are given.
-        """
+        """The slopes to refocus to, float64, [N]; None requests those of `planes`."""
         if self.planes is None:
             if requested is None:
                 raise InputError(f"{self.name} refocuses to any planes", got="none", remedy="give slopes")
@@ -138,35 +115,13 @@ class Refocuser(abc.ABC):
         return self.planes.slopes
 
 
-RANGE = 1e6
-"""Largest ratio of a sample to the bright ones, at which single precision is off by 0.1 times the bright ones."""
-
-
 def check_for_network(name: str, views: Tensor, positions: Tensor | None, device: torch.device) -> None:
-    """Refuse views that the network of a method cannot read.
-
-    Raises:
-        InputError: Cameras off the even grid, views on another device, views that are not finite, or a sample that
-            exceeds `RANGE` times the bright ones.
-    """
+    """Refuse cameras off the even grid, views on another device, and samples that are not finite."""
     if positions is not None:
         raise uneven(name)
     if views.device != device:
         raise InputError(f"views must be on the network's device, {device}", got=views.device)
-    low, high = (float(extreme) for extreme in views.aminmax())  # NaN if any sample is
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise InputError(
-            "views must be finite", got="NaN or infinity", remedy="mend the file, or give samples weight 0"
-        )
-    # Candidates come from spectra, which round to 1e-7 of the largest sample everywhere in the picture.
-    some = views.flatten()[:: max(1, views.numel() // 10**5)].abs()  # as many say enough
-    bright = float(some.quantile(0.99))
-    if 0 < RANGE * bright < max(-low, high):
-        largest = views.abs().argmax()
-        place = tuple(int(index) for index in torch.unravel_index(largest, views.shape)[-5:])
-        expected = f"{name} needs samples below {RANGE:.0e} times the bright ones ({bright:.3g})"
-        got = f"{float(views.flatten()[largest]):.3g} at (v, u, channel, y, x) = {place}"
-        raise InputError(expected, got=got, remedy="mend that sample, or refocus with method=shift_and_sum")
+    batches.check_finite(views, "mend the file, or give samples weight 0")
 
 
 def uneven(name: str) -> InputError:
@@ -220,14 +175,9 @@ class OperatorRefocuser(Refocuser):
         self.traits = traits(self.operator)
         self.options: dict[str, Any] = getattr(self.operator, "keywords", {})
         """The options bound to it."""
-        try:
-            self._parameters = inspect.signature(self.operator).parameters.keys() - self.options.keys()
-        except ValueError:  # functions written in C may have no signature
-            self._parameters = set()
+        self._parameters = inspect.signature(self.operator).parameters.keys() - self.options.keys()
         if self.aperture is not None and not self.takes("weights"):
-            if getattr(self.aperture, "func", self.aperture) is not apertures.full:
-                raise InputError(f"{self.name} must have a parameter weights to look through an aperture", got="none")
-            self.aperture = None  # without weights all views count alike anyway
+            raise InputError(f"{self.name} must have a parameter weights to look through an aperture", got="none")
 
     def takes(self, parameter: str) -> bool:
         """Whether the operator has a parameter that is not bound already."""
@@ -239,11 +189,7 @@ class OperatorRefocuser(Refocuser):
         return self.takes("positions")
 
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-        """The operator's stack, samples counted by their weight, black where no trusted one contributes.
-
-        If the weight is constant within each view, which includes missing views, it is an aperture. Otherwise linear
-        operators give the weighted mean of the samples, and operators that compare the views get them filled.
-        """
+        """The operator's stack, samples counted by their weight, black where no trusted one contributes."""
         if positions is not None and not self.takes("positions"):
             raise uneven(self.name)
         options = {} if positions is None else {"positions": positions}
@@ -251,6 +197,8 @@ class OperatorRefocuser(Refocuser):
             options["weights"] = self.aperture(tuple(views.shape[-5:-3]))
         if weight is None:
             return self.operator(views, slopes, **options)
+        # A weight that is constant within each view, which includes missing views, is an aperture. Otherwise linear
+        # operators give the weighted mean of the samples, and operators that compare the views get them filled.
         of_views = filling.view_weights(weight) if self.takes("weights") else None
         if of_views is not None and bool(of_views.any()):
             return self._through_views(views, slopes, of_views, options)

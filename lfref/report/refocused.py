@@ -15,6 +15,7 @@ from torch.nn import functional as F
 from lfref.geometry import FocalPlanes
 from lfref.io import images
 from lfref.lightfield import LightField
+from lfref.refocus import batches
 from lfref.refocus.disparity.disparity_map import CLEAR, DisparityMap, disparity_map, order_score
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus, index_to_slope
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -150,16 +151,12 @@ class Refocused:
         if self.field.grid == (1, 1):
             return all_in_focus(self.shown[self.by_slope]).image
         views, weight = self.field.views, self.field.weight
-        is_whole = weight is None or filling.view_weights(weight) is not None
-
-        def whole(channels: Tensor) -> Tensor:
+        if weight is not None and filling.view_weights(weight) is None:
             # Pixels whose samples have weight in some views only would leave a dark rim.
-            if weight is None or is_whole:
-                return channels
-            full = filling.filled(channels, weight.to(channels))
-            return filling.extended(full, filling.trusted(weight), in_place=full is not channels)
-
-        return extended_focus(views, self.disparity.disparity, self._view_weights, self.field.positions, whole)
+            light = batches.radiance(views)
+            full = filling.filled(light, weight.to(light))
+            views = filling.extended(full, filling.trusted(weight), in_place=full is not views)
+        return extended_focus(views, self.disparity.disparity, self._view_weights, self.field.positions)
 
     @cached_property
     def slope_and_confidence(self) -> tuple[Tensor, Tensor]:

@@ -23,12 +23,6 @@ def test_white_noise_has_its_variance_at_all_frequencies():
     assert float(light.mean()) == pytest.approx(0.5, abs=1e-3)
 
 
-def test_what_is_smooth_has_no_variance():
-    y, x = torch.arange(40.0)[:, None], torch.arange(40.0)
-    _, variance = noise_line.blocks((0.01 * x * y + 0.02 * x + 0.001 * y**2)[None])
-    assert float(variance.max()) < 1e-9
-
-
 def test_the_quiet_part_of_pure_noise_is_scaled_to_its_variance():
     light, variance = noise_line.blocks(noisy(torch.full((40, 82, 82), 0.5), 0.0, 1e-4))
     _, quietest = noise_line._quietest(torch.linspace(0, 1, len(light)), variance)
@@ -46,12 +40,6 @@ def test_stripes_are_hardly_taken_for_noise(angle, period):
     shot, read = noise_line.measure(LightField(noisy(stripes, 0.0, 1e-4)))
     # The variance of the stripes is .15; along the axes they leave most frequencies to the noise alone.
     assert 0.7e-4 < 0.5 * shot + read < (2e-4 if angle == 0 or period > 9 else 2.5e-3)
-
-
-@pytest.mark.parametrize(("n_blocks", "n_levels"), [(499, 1), (999, 1), (1000, 2), (3999, 7), (4000, 8), (40000, 8)])
-def test_levels_hold_five_hundred_blocks_at_least_and_are_eight_at_most(n_blocks, n_levels):
-    light, variance = noise_line._quietest(torch.rand(n_blocks), torch.rand(n_blocks, 3))
-    assert len(light) == len(variance) == n_levels
 
 
 def test_a_tenth_of_a_level_and_a_quarter_of_the_frequencies_count_as_quiet():
@@ -80,8 +68,3 @@ def test_views_are_left_out_where_there_are_many_samples(monkeypatch):
     for each in (field, field.crop(0, 0, 20, 20)):
         noise_line.measure(each)
     assert counts == [2**19 // 100**2, 81]
-
-
-@pytest.mark.parametrize(("side", "is_measured"), [(9, False), (10, True)])
-def test_views_need_room_for_a_block_and_its_filter(side, is_measured):
-    assert (noise_line.measure(LightField(torch.rand(3, 3, 1, side, side) * 0.9)) != (0.0, 0.0)) is is_measured

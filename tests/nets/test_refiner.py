@@ -4,7 +4,6 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from lfref.errors import InputError
 from lfref.nets.refiner import Refiner
 
 
@@ -47,23 +46,6 @@ def test_planes_do_not_know_of_each_other():
     )
 
 
-def test_a_shift_by_a_coarse_pixel_shifts_the_correction():
-    features, net = torch.rand(7, 64, 64), trained()
-    nothing = torch.zeros(3, 64, 64)
-    result, moved = (net(each, nothing, scale(nothing)) for each in (features, features.roll((2, 4), (1, 2))))
-    torch.testing.assert_close(moved[:, 24:40, 24:40], result[:, 22:38, 20:36], atol=1e-6, rtol=1e-5)
-
-
-def test_what_is_added_is_a_mixture_of_the_candidates_the_same_for_all_colours():
-    features, pictures, net = torch.rand(1, 7, 8, 8), torch.rand(1, 3, 8, 8), trained()
-    added = (net(features, pictures, scale(pictures)).detach() - pictures)[0] / 0.05
-    candidates = features[0, :6].unflatten(0, (2, 3))
-    shares = torch.linalg.lstsq(candidates.permute(2, 3, 1, 0), added.permute(1, 2, 0)[..., None]).solution
-    mixed = (candidates.permute(2, 3, 1, 0) @ shares)[..., 0].permute(2, 0, 1)
-    torch.testing.assert_close(mixed, added, atol=1e-4, rtol=1e-3)
-    assert float(added.abs().mean()) > 0.01
-
-
 def test_without_blocks_it_is_two_convolutions_written_out():
     net = trained(n_features=2, n_candidates=2, n_blocks=0, shuffle=1, width=3, channels=1)
     features, pictures = torch.rand(1, 2, 6, 7), torch.rand(1, 1, 6, 7)
@@ -75,41 +57,7 @@ def test_without_blocks_it_is_two_convolutions_written_out():
     torch.testing.assert_close(net(features, pictures, error_scale), expected)
 
 
-def test_pictures_keep_their_type_and_what_is_added_comes_in_that_of_the_weights():
-    net = trained().bfloat16()
-    result = net(torch.rand(2, 7, 8, 8).bfloat16(), torch.rand(2, 3, 8, 8), torch.rand(2, 1, 8, 8))
-    assert result.dtype == torch.float32
-
-
 def test_gradients():
     net = trained(width=4, n_blocks=1).double()
     inputs = [torch.rand(1, n, 5, 6, dtype=torch.float64, requires_grad=True) for n in (7, 3, 1)]
     assert gradcheck(net, inputs)
-
-
-@pytest.mark.parametrize(
-    "option", [{"n_features": 0}, {"n_candidates": 0}, {"width": 0}, {"shuffle": 0}, {"kernel": 2}, {"n_blocks": -1}]
-)
-def test_sizes_that_make_no_network_are_refused(option):
-    with pytest.raises(InputError, match="at least 1"):
-        Refiner(**{"n_features": 7, "n_candidates": 2} | option)
-
-
-def test_an_unknown_activation_is_refused():
-    with pytest.raises(InputError, match="activation"):
-        Refiner(7, 2, activation="sigmoidal")
-
-
-def test_where_there_is_no_error_scale_pictures_stay_as_they_are():
-    pictures = torch.rand(2, 3, 8, 8)
-    assert torch.equal(trained()(torch.rand(2, 7, 8, 8), pictures, scale(pictures, 0.0)), pictures)
-
-
-def test_another_number_of_features_is_refused():
-    with pytest.raises(InputError, match="reads 7 channels"):
-        trained()(torch.rand(2, 5, 8, 8), torch.rand(2, 3, 8, 8), torch.rand(2, 1, 8, 8))
-
-
-def test_more_candidates_than_there_are_features_are_refused():
-    with pytest.raises(InputError, match="among the n_features"):
-        Refiner(5, 2)

@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from lfref.errors import InputError
-from lfref.nets.refnet import PAPER_WIDTHS, RefNet, stretched
+from lfref.nets.refnet import RefNet
 
 TINY = {"n_planes": 2, "grid": (3, 2), "channels": 1, "widths": (6, 4), "stem_width": 5}
 
@@ -36,13 +36,6 @@ def test_the_default_is_the_papers_architecture(paper):
     assert isinstance(paper.trunk[-1], nn.ReLU)
     assert (paper.head.in_channels, paper.head.out_channels) == (48, 48)
     assert paper(torch.empty(4, 7, 7, 3, 192, 192, device="meta")).shape == (4, 16, 3, 192, 192)
-
-
-def test_parameters_by_hand():
-    # stem 6*5*9+5; block 5->6: 1x1 5*6+6, 3x3 6*3*9+3, 1x1 3*6+6, norms 2*(6+3), skip 5*6+6;
-    # block 6->4: 6*4+4, 4*2*9+2, 2*4+4, norms 2*(4+2), skip 6*4+4; last two 4*2+2, 2*2+2; gains 2*3*3.
-    by_hand = 275 + (36 + 165 + 24 + 18 + 36) + (28 + 74 + 12 + 12 + 28) + 10 + 6 + 18
-    assert count(RefNet(**TINY)) == by_hand
 
 
 def test_the_stack_is_never_negative_and_its_axes_are_plane_then_channel():
@@ -77,34 +70,9 @@ def test_any_batch_dimensions(batch):
     torch.testing.assert_close(stack, one_by_one, atol=1e-5, rtol=1e-5)
 
 
-@pytest.mark.parametrize("kernel", [1, 5])
-def test_kernels_of_any_odd_size_keep_the_picture_size(kernel):
-    network = RefNet(**TINY, stem_kernel=kernel, head_kernel=kernel)
-    assert network(torch.rand(3, 2, 1, 6, 5)).shape == (2, 1, 6, 5)
-    assert network.head.kernel_size == network.trunk[-2].kernel_size == network.trunk[0].kernel_size == (kernel, kernel)
-
-
-@pytest.mark.parametrize(
-    ("widths", "n_blocks", "expected"),
-    [
-        ([8, 6, 4], 3, [8, 6, 4]),
-        ([8, 6, 4], 1, [6]),
-        ([8, 4], 4, [8, 8, 4, 4]),
-        ([8, 4], 1, [4]),
-        ([8, 6, 4], 6, [8, 8, 6, 6, 4, 4]),
-        ([8], 3, [8, 8, 8]),
-        (PAPER_WIDTHS, 11, list(PAPER_WIDTHS)),
-        (PAPER_WIDTHS, 5, [512, 512, 512, 256, 256]),
-    ],
-)
-def test_the_schedule_of_widths_is_stretched_or_thinned(widths, n_blocks, expected):
-    assert stretched(widths, n_blocks) == expected
-
-
 @pytest.mark.parametrize(
     "options",
     [
-        {},
         {"n_blocks": 5},
         {"activation": "gelu", "normalization": "group", "style": "sibling"},
         {"stem_kernel": 5, "head_kernel": 3, "normalization": "batch"},
@@ -122,42 +90,6 @@ def test_config_rebuilds_the_same_network_through_plain_text(options):
     assert torch.equal(twin(views), network(views))
 
 
-@pytest.mark.parametrize(
-    ("shape", "message"),
-    [
-        ((2, 3, 1, 6, 5), r"reads views \[..., 3, 2, 1, H, W\]; got shape \[2, 3, 1, 6, 5\]"),
-        ((3, 2, 3, 6, 5), "reads views"),
-        ((7, 7, 1, 6, 5), "reads views"),
-        ((3, 2, 1, 6), "views must be"),
-        ((3, 2, 1, 0, 5), "no axis empty"),
-        ((3, 2, 1, 1, 1), "more than one pixel"),
-    ],
-)
-def test_views_that_do_not_fit_are_refused(shape, message):
-    with pytest.raises(InputError, match=message):
-        RefNet(**TINY)(torch.rand(shape))
-
-
-def test_networks_of_before_the_coarser_grid_are_built_and_run_as_they_were():
-    network = RefNet(**TINY, padding="zeros").eval()
-    later = "shuffle", "kernel", "dilation", "initialization", "stem_by_colour"
-    old = {name: value for name, value in network.config.items() if name not in later}
-    twin = RefNet(**old).eval()
-    twin.load_state_dict(network.state_dict())
-    views = torch.rand(2, 3, 2, 1, 6, 5)
-    written_out = torch.relu(twin.head(twin.trunk(views.reshape(2, 6, 6, 5)))).reshape(2, 2, 1, 6, 5)
-    assert torch.equal(network(views), written_out)
-
-
-@pytest.mark.parametrize("shuffle", [2, 3, 4])
-@pytest.mark.parametrize("size", [(8, 8), (5, 13)])
-def test_a_coarser_grid_keeps_pictures_of_any_size(shuffle, size):
-    network = RefNet(**TINY | {"channels": 3}, shuffle=shuffle)
-    views = torch.rand(2, 3, 2, 3, *size)
-    assert network(views).shape == (2, 2, 3, *size)
-    assert network.features(views).shape == (2, 6 * shuffle**2, *(-(-length // shuffle) for length in size))
-
-
 def test_on_a_coarser_grid_every_pixel_is_its_own_channel_at_its_place():
     network = RefNet(**TINY, shuffle=2)
     with torch.no_grad():
@@ -165,15 +97,6 @@ def test_on_a_coarser_grid_every_pixel_is_its_own_channel_at_its_place():
         network.head.bias.copy_(torch.arange(8) / 10)
     expected = torch.tensor([[[0.0, 0.1], [0.2, 0.3]], [[0.4, 0.5], [0.6, 0.7]]]).repeat(1, 3, 3)[:, None, :5, :6]
     torch.testing.assert_close(network(torch.rand(3, 2, 1, 5, 6)), expected)
-
-
-def test_a_coarser_grid_starts_at_the_brightness_of_its_labels():
-    network = RefNet(**TINY, shuffle=2, initialization="random")
-    views, labels = torch.rand(4, 3, 2, 1, 15, 21), torch.full((4, 2, 1, 15, 21), 0.5)
-    labels[:, 1] = 0.8
-    network.initialize(views, None, labels)
-    means = network(views)[..., :14, :20].mean((0, 2, 3, 4))
-    torch.testing.assert_close(means, torch.tensor([0.5, 0.8]), atol=0.05, rtol=0)
 
 
 def reach(**options):
@@ -192,9 +115,7 @@ def reach(**options):
     ("options", "expected"),
     [
         ({"widths": (4,) * 11}, (12, 12)),  # the paper's: 25 x 25 pixels
-        ({"widths": (4,) * 3}, (4, 4)),
         ({"widths": (4,) * 3, "kernel": 5}, (7, 7)),
-        ({"widths": (4,) * 3, "dilation": 3}, (10, 10)),
         ({"widths": (4,) * 3, "dilation": [1, 2, 4]}, (8, 8)),
         ({"widths": (4,) * 4, "dilation": [1, 3]}, (9, 9)),  # stretched: 1, 1, 3, 3
         # Pixel 64 is the first of a coarse one: it sees 4 coarse ones on either side, and those whole.
@@ -214,19 +135,6 @@ def test_the_ends_are_the_stem_both_convolutions_of_the_head_and_the_gains():
     assert len(ends) == 7
 
 
-def test_views_of_another_floating_type_are_refused():
-    with pytest.raises(InputError, match="float"):
-        RefNet(**TINY)(torch.rand(3, 2, 1, 6, 5, dtype=torch.float64))
-
-
-@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
-def test_under_autocast_the_type_of_the_views_is_free(dtype):
-    with torch.autocast("cpu", torch.bfloat16):
-        stack = RefNet(**TINY)(torch.rand(3, 2, 1, 6, 5).to(dtype))
-    assert stack.dtype == torch.float32
-    assert bool(stack.isfinite().all())
-
-
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("autocast", [False, True])
 def test_eleven_blocks_have_a_gradient_of_finite_norm_on_flat_views(level, autocast):
@@ -236,59 +144,25 @@ def test_eleven_blocks_have_a_gradient_of_finite_norm_on_flat_views(level, autoc
     assert nn.utils.get_total_norm([parameter.grad for parameter in network.parameters()]).isfinite()
 
 
-def test_repeated_runs_are_bit_equal_and_threads_agree_to_a_hundred_thousandth():
-    network, views = RefNet(**TINY | {"widths": (32, 32)}), torch.rand(2, 3, 2, 1, 40, 40)
-
-    def gradients(n_threads):
-        torch.set_num_threads(n_threads)
-        try:
-            return torch.autograd.grad(network(views).square().mean(), list(network.parameters()))
-        finally:
-            torch.set_num_threads(1)
-
-    once, again, shared = gradients(1), gradients(1), gradients(4)
-    assert all(map(torch.equal, once, again))
-    for alone, together in zip(once, shared, strict=True):
-        torch.testing.assert_close(alone, together, rtol=0, atol=1e-5 * max(1, alone.abs().max().item()))
-
-
-def test_blocks_that_reach_beyond_the_picture_are_refused():
-    network = RefNet(**TINY, kernel=5, dilation=3)
-    assert bool(network(torch.rand(3, 2, 1, 4, 6)).isfinite().all())
-    with pytest.raises(InputError, match="no farther than the picture; got 6 pixels"):
-        network(torch.rand(3, 2, 1, 5, 5))
-
-
-def test_views_of_one_coarse_pixel_are_refused():
-    network = RefNet(**TINY, shuffle=4)
-    assert bool(network(torch.rand(3, 2, 1, 4, 5)).isfinite().all())
-    with pytest.raises(InputError, match="more than one pixel of 4x4; got 4x4"):
-        network(torch.rand(3, 2, 1, 4, 4))
+@pytest.mark.parametrize("shape", [(2, 3, 1, 6, 5), (3, 2, 3, 6, 5), (3, 2, 1, 6), (3, 2, 1, 0, 5)])
+def test_views_that_do_not_fit_are_refused(shape):
+    with pytest.raises(InputError):
+        RefNet(**TINY)(torch.rand(shape))
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options",
     [
-        ({"n_planes": 0}, "must be positive"),
-        ({"grid": (0, 7)}, "must be positive"),
-        ({"grid": (7, 7, 7)}, "must be positive"),
-        ({"channels": 0}, "must be positive"),
-        ({"stem_kernel": 2}, "must be odd"),
-        ({"head_kernel": 0}, "must be odd"),
-        ({"kernel": 4}, "must be odd"),
-        ({"shuffle": 0}, "must be positive"),
-        ({"dilation": 0}, "must be positive"),
-        ({"dilation": [1, 0]}, "must be positive"),
-        ({"dilation": []}, "at least one block and one width"),
-        ({"padding": "reflect"}, "padding must be zeros or renormalize, .* got reflect and linear"),
-        ({"initialization": "magic"}, "initialization linear or random; got renormalize and magic"),
-        ({"widths": ()}, "at least one block and one width"),
-        ({"n_blocks": 0}, "at least one block and one width"),
-        ({"widths": (6, 3)}, "must be even"),
-        ({"channels": 2, "stem_by_colour": True}, "multiple"),
-        ({"activation": "magic"}, "activation must be one of"),
+        {"n_planes": 0},
+        {"grid": (7, 7, 7)},
+        {"stem_kernel": 2},
+        {"dilation": [1, 0]},
+        {"padding": "reflect"},
+        {"widths": ()},
+        {"channels": 2, "stem_by_colour": True},
+        {"activation": "magic"},
     ],
 )
-def test_options_that_no_network_can_be_built_from_are_refused(options, message):
-    with pytest.raises(InputError, match=message):
+def test_options_that_no_network_can_be_built_from_are_refused(options):
+    with pytest.raises(InputError):
         RefNet(**TINY | options)

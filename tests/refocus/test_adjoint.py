@@ -5,8 +5,6 @@ import functools
 import pytest
 import torch
 
-import lfref
-from lfref.errors import InputError
 from lfref.refocus.adjoint import adjoint
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -18,12 +16,6 @@ OPERATORS = {
 }
 
 
-def matrix(operator, shape):
-    """The operator's matrix: what it makes of views with a single bright sample each."""
-    units = torch.eye(shape.numel(), dtype=torch.float64).reshape(-1, *shape)
-    return torch.stack([operator(unit).reshape(-1) for unit in units], dim=1)
-
-
 def test_a_bright_pixel_goes_back_to_the_samples_that_it_is_the_mean_of():
     stack = torch.zeros(1, 1, 5, 7)
     stack[0, 0, 2, 3] = 1
@@ -32,19 +24,11 @@ def test_a_bright_pixel_goes_back_to_the_samples_that_it_is_the_mean_of():
     torch.testing.assert_close(back[back > 0], torch.full((3,), 1 / 3))
 
 
-@pytest.mark.parametrize("batch", [(), (2,), (2, 1)])
-def test_any_batch_dimensions(batch):
-    stack = torch.randn(*batch, 3, 1, 4, 5)
-    assert adjoint(OPERATORS["linear"], stack, torch.empty(*batch, 2, 3, 1, 4, 5)).shape == (*batch, 2, 3, 1, 4, 5)
-
-
 @pytest.mark.parametrize(
     ("like", "returned"),
     [
         (torch.float64, torch.float64),
-        (torch.float32, torch.float32),
         (torch.bfloat16, torch.bfloat16),
-        (torch.uint8, torch.float32),
         (torch.uint16, torch.float32),
     ],
 )
@@ -55,68 +39,8 @@ def test_shape_and_type_follow_the_example_which_need_hold_no_data(like, returne
     assert (back.shape, back.dtype, back.device.type) == ((2, 3, 1, 4, 5), returned, "cpu")
 
 
-@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
-def test_works_where_gradients_are_switched_off(mode):
-    views, stack = torch.empty(2, 3, 1, 4, 5), torch.randn(3, 1, 4, 5)
-    expected = adjoint(OPERATORS["exact"], stack, views)
-    with mode():
-        back = adjoint(OPERATORS["exact"], stack.clone(), views)
-    assert torch.equal(back, expected)
-    assert not back.requires_grad
-
-
 def test_is_differentiable_in_the_stack_and_its_own_adjoint_is_the_operator():
     views = torch.randn(2, 3, 1, 4, 5, dtype=torch.float64)
     stack = torch.randn(3, 1, 4, 5, dtype=torch.float64, requires_grad=True)
     (forwards,) = torch.autograd.grad(adjoint(OPERATORS["exact"], stack, views), stack, views)
     torch.testing.assert_close(forwards, OPERATORS["exact"](views), atol=1e-14, rtol=0)
-
-
-def test_descent_along_it_finds_views_with_the_measured_stack():
-    truth = torch.rand(3, 3, 1, 12, 13, dtype=torch.float64)
-    operator = OPERATORS["linear"]
-    measured, views = operator(truth), torch.zeros_like(truth)
-    errors = []
-    for _ in range(30):
-        residual = measured - operator(views)
-        errors.append(float(residual.square().mean()))
-        views += 3 * adjoint(operator, residual, views)
-    assert errors == sorted(errors, reverse=True)
-    assert errors[-1] < 1e-3 * errors[0]
-
-
-@pytest.mark.parametrize("shape", [(2, 1, 4, 5), (3, 3, 4, 5), (1, 3, 1, 4, 5), (3, 1, 5, 4)])
-def test_a_stack_that_the_operator_cannot_have_made_is_refused(shape):
-    with pytest.raises(
-        InputError, match=r"must be \[3, 1, 4, 5\], as the operator returns for views \[2, 3, 1, 4, 5\]"
-    ):
-        adjoint(OPERATORS["linear"], torch.zeros(shape), torch.empty(2, 3, 1, 4, 5))
-
-
-def test_an_operator_with_light_of_its_own_is_refused():
-    with pytest.raises(InputError, match="must be linear"):
-        adjoint(lambda views: OPERATORS["linear"](views) + 1, torch.zeros(3, 1, 4, 5), torch.empty(2, 3, 1, 4, 5))
-
-
-@pytest.mark.parametrize("operator", [lfref.occlusion_aware, lfref.separable_wiener, lfref.refocus_by_layers])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_an_operator_that_estimates_disparities_is_refused(operator, dtype):
-    views = torch.rand(3, 3, 1, 32, 40, generator=torch.Generator().manual_seed(0)).to(dtype)
-    stack = torch.rand(2, 1, 32, 40, generator=torch.Generator().manual_seed(1)).to(dtype)
-    with pytest.raises(InputError, match=r"must be linear .*bind what it would estimate"):
-        adjoint(functools.partial(operator, slopes=[-0.3, 0.4]), stack, views)
-
-
-def test_an_operator_that_is_given_its_disparities_is_linear():
-    operator = functools.partial(lfref.separable_wiener, slopes=[-0.3, 0.4], disparities=[-0.5, 0.0, 0.5])
-    stack = torch.rand(2, 1, 32, 40, generator=torch.Generator().manual_seed(1))
-    assert adjoint(operator, stack, torch.empty(3, 3, 1, 32, 40)).any()
-
-
-def test_an_operator_without_gradients_is_refused():
-    with pytest.raises(InputError, match=r"must be linear .*without gradients"):
-        adjoint(
-            lambda views: lfref.shift_and_sum(views, SLOPES).detach(),
-            torch.rand(3, 1, 8, 9),
-            torch.empty(2, 2, 1, 8, 9),
-        )

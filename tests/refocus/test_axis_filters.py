@@ -108,10 +108,3 @@ def test_kernels_are_the_fourier_series_of_the_filters(n_views, centres):
         waves = torch.exp(-2j * torch.pi * k[:, None] * taps)
         expected = (whole[:, :, view] @ waves).real / PERIOD
         torch.testing.assert_close(found[:, view], expected, atol=1e-12, rtol=0)
-
-
-def test_power_is_integrated_over_half_a_cycle():
-    k = torch.linspace(0, 0.5, 200_001, dtype=torch.float64)
-    expected = torch.trapezoid(SPECTRUM.power(k), k) / 0.5
-    assert SPECTRUM.mean_power == pytest.approx(float(expected), rel=1e-3)
-    assert float(SPECTRUM.power(torch.tensor(0.75))) < float(AxisSpectrum(1.0, 0).power(torch.tensor(0.75)))

@@ -52,13 +52,6 @@ def test_loop_and_pytorch_are_the_sum_written_out(dtype):
     torch.testing.assert_close(module._by_torch(views, items), expected, atol=tolerance, rtol=1e-5)
 
 
-def test_no_items_are_no_pictures():
-    views, items = some_items(torch.float32)
-    none = Items(*(part[:, :0] if part.ndim == 4 else part[:0] for part in items))
-    for empty in (filtered(views, none), module._by_torch(views, none)):
-        assert empty.shape == (0, 2, BLOCK, BLOCK)
-
-
 def test_priors_are_the_disparities_in_and_around_a_block():
     disparity = torch.full((40, 72), -0.6)
     disparity[:, 36:] = 0.4
@@ -73,40 +66,6 @@ def test_priors_are_the_disparities_in_and_around_a_block():
     shares = priors.shares @ near.double().T  # of both surfaces, and of the field's prior
     assert shares[0].tolist() == pytest.approx([1 - module.ELSEWHERE, 0, module.ELSEWHERE], abs=0.01)
     assert float(shares[1, 0]) > float(shares[1, 1]) > 0.1
-
-
-def test_what_is_smooth_has_hardly_any_share():
-    disparity, power = torch.full((32, 32), -0.6), torch.full((32, 32), 1e-3)
-    disparity[:, 16:], power[:, 16:] = 0.4, 1.0
-    priors = block_priors(disparity, power, SINGLE)
-    shares = priors.shares @ ((priors.disparities - 0.4).abs() < 0.1).double()
-    assert float(shares[0]) > 0.8  # half of what is in and around the block
-
-
-def test_a_wide_range_has_a_bounded_number_of_disparities():
-    disparity = torch.linspace(-300, 300, 64).expand(32, 64)
-    priors = block_priors(disparity, torch.ones(32, 64), SINGLE)
-    assert len(priors.disparities) <= module.MOST_DISPARITIES + 4
-
-
-def test_planes_near_a_block_are_filtered_and_others_are_not():
-    views = layered_views(0.4, 0.4, (48, 48))[0].float()
-    aperture = torch.full(views.shape[:2], 1 / 49).double()
-    slopes = torch.tensor([0.4, 0.4 + module.NEAR - module.FADE / 2, 0.4 + module.NEAR + 0.01, -3.0]).double()
-    prior = Energies(torch.tensor([0.4]).double(), torch.ones(1).double())
-    pictures = refocus_by_blocks(views, slopes, torch.full((48, 48), 0.4), prior, aperture)
-    assert pictures.stack.shape == (4, 3, 48, 48)
-    assert pictures.nearness[:, 0, 20, 20].tolist() == pytest.approx([1, 0.5, 0, 0], abs=1e-5)
-    assert not pictures.stack[2:].any()
-
-
-def test_blocks_that_span_too_much_are_left_out():
-    views = layered_views(2.0, -2.0, (48, 48))[0].float()
-    disparity = torch.full((48, 48), -2.0)
-    disparity[:, 24:] = 2.0
-    aperture = torch.full(views.shape[:2], 1 / 49).double()
-    nearness = refocus_by_blocks(views, torch.tensor([0.0]).double(), disparity, SINGLE, aperture).nearness
-    assert not nearness.any()
 
 
 def test_of_one_surface_blocks_and_the_whole_field_give_the_same():

@@ -8,15 +8,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.errors import InputError
-from lfref.functional import loops
 from lfref.refocus import footprint
 from lfref.refocus.footprint import RowFactors
 from lfref.refocus.sampling import BORDERS
-
-VIEWS = torch.zeros(2, 5, 5, 3, 8, 9)
-SLOPES = torch.tensor([-1.0, 0.5], dtype=torch.float64)
-WIDTHS = st.floats(0, 40)
 
 
 def filtered(weights, frequencies):
@@ -30,55 +24,9 @@ def filtered(weights, frequencies):
 def test_the_response_is_that_of_a_box(highest, error):
     frequencies = torch.linspace(0, highest, 81, dtype=torch.float64)
     for width in torch.linspace(0, 16, 161, dtype=torch.float64):
-        own = footprint.response(width[None], frequencies)[0]
-        assert float((filtered(footprint.taps(float(width)), frequencies) - own).abs().max()) < error
-
-
-def test_a_natural_picture_is_blurred_as_by_a_box():
-    frequencies = torch.linspace(0.002, 0.4, 200, dtype=torch.float64)
-    power = 1 / frequencies.square()
-    for width in torch.linspace(0, 16, 161, dtype=torch.float64):
-        error = filtered(footprint.taps(float(width)), frequencies) - footprint.response(width[None], frequencies)[0]
-        assert float((error.square() * power).sum() / power.sum()) < 0.0005**2
-
-
-@given(WIDTHS)
-def test_weights_are_of_sum_1_and_symmetric(width):
-    weights = footprint.taps(width)
-    assert len(weights) == 2 * footprint.radius(width) + 1
-    assert sum(weights) == pytest.approx(1, abs=1e-12)
-    assert weights == weights[::-1]
-
-
-@pytest.mark.parametrize("width", [1e-300, 1e-12, 1e-6, 1e-4])
-def test_a_narrow_box_is_nearly_a_point(width):
-    weights = footprint.taps(width)
-    assert weights[len(weights) // 2] == pytest.approx(1, abs=width + 1e-12)
-    assert all(abs(weight) <= width + 1e-12 for n, weight in enumerate(weights) if n != len(weights) // 2)
-
-
-@given(st.floats(0.01, 30))
-def test_the_spread_is_that_of_a_box(width):
-    weights = footprint.taps(width)
-    variance = sum(weight * (n - len(weights) // 2) ** 2 for n, weight in enumerate(weights))
-    assert variance == pytest.approx(width**2 / 12, rel=0.05, abs=0.03)
-
-
-@given(st.integers(0, 40))
-def test_a_level_lies_at_its_own_width(level):
-    place = footprint.place(torch.tensor(footprint.width(level), dtype=torch.float64).square())
-    assert float(place) == pytest.approx(level, abs=1e-9)
-
-
-def test_places_are_smooth_at_width_0():
-    width = torch.zeros((), dtype=torch.float64, requires_grad=True)
-    (slope,) = torch.autograd.grad(footprint.place(width.square()), width)
-    assert float(slope) == 0
-
-
-@pytest.mark.parametrize(("low", "high", "expected"), [(0.0, 0.0, [0]), (0.2, 1.9, [0, 1, 2]), (3.0, 4.0, [3, 4])])
-def test_spanned_are_those_around_the_places(low, high, expected):
-    assert list(footprint.spanned(torch.tensor([low, high]))) == expected
+        weights = footprint.taps(float(width))
+        assert sum(weights) == pytest.approx(1, abs=1e-12)
+        assert float((filtered(weights, frequencies) - torch.sinc(width * frequencies)).abs().max()) < error
 
 
 def test_two_levels_make_the_response_of_the_widths_between():
@@ -86,7 +34,7 @@ def test_two_levels_make_the_response_of_the_widths_between():
     power = 1 / (frequencies[:, None].square() + frequencies.square()).clamp(min=1 / 200**2)
 
     def response(width):
-        along = footprint.response(torch.tensor([width], dtype=torch.float64), frequencies)[0]
+        along = torch.sinc(width * frequencies)
         return along[:, None] * along
 
     for width in torch.linspace(0.02, 8, 200).tolist():
@@ -96,52 +44,6 @@ def test_two_levels_make_the_response_of_the_widths_between():
         error = blend - response(width)
         assert float(error.abs().max()) < 0.021
         assert float(((error.square() * power).sum() / power.sum()).sqrt()) < 0.0016
-
-
-def test_a_box_is_as_wide_as_light_moves_within_a_cell():
-    widths = footprint.checked(0.5, -0.2, VIEWS).widths(SLOPES)
-    torch.testing.assert_close(widths.abs(), torch.tensor([0.4, 0.35], dtype=torch.float64))
-
-
-def test_a_map_makes_a_width_for_every_pixel():
-    disparity = torch.rand(8, 9)
-    cell = footprint.checked(2, disparity, VIEWS)
-    assert cell.varies(SLOPES)
-    torch.testing.assert_close(cell.widths(SLOPES)[0, 1], 2 * (0.5 - disparity))
-    assert cell.widths(SLOPES).shape == (1, 2, 8, 9)
-
-
-def test_every_light_field_may_have_a_map_of_its_own():
-    disparity = torch.rand(2, 8, 9)
-    widths = footprint.checked(1, disparity, VIEWS).widths(SLOPES)
-    torch.testing.assert_close(widths, SLOPES.float()[:, None, None] - disparity[:, None])
-
-
-@pytest.mark.parametrize(
-    ("fill", "disparity", "message"),
-    [
-        (-1, 0.0, "fill must be finite and >= 0"),
-        (math.nan, 0.0, "fill must be finite and >= 0"),
-        (math.inf, 0.0, "fill must be finite and >= 0"),
-        ("1", 0.0, "fill must be finite and >= 0"),
-        (1, math.nan, "disparity must be finite"),
-        (1, torch.full((8, 9), math.inf), "disparity must be finite"),
-        (1, torch.zeros(9, 8), "disparity must be a number or a map"),
-        (1, torch.zeros(3, 8, 9), "disparity must be a number or a map"),
-        (1, torch.zeros(1), "disparity must be a number or a map"),
-    ],
-)
-def test_cells_that_cannot_be_are_refused(fill, disparity, message):
-    with pytest.raises(InputError, match=message):
-        footprint.checked(fill, disparity, VIEWS)
-
-
-def test_a_box_wider_than_the_picture_is_refused():
-    with pytest.raises(InputError, match=r"at most the picture's 9 px; got 16 px"):
-        footprint.checked(8, 1.0, VIEWS).widths(SLOPES)
-
-
-SIZE = (11, 14)
 
 
 def slow_box(image, widths, border):
@@ -178,52 +80,11 @@ def test_equals_the_slow_reference(border, width):
         torch.testing.assert_close(result, slow, atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize("border", list(BORDERS))
-def test_at_a_level_a_map_is_its_box(border):
-    planes, level = torch.rand(2, 3, 7, 9, dtype=torch.float64), 3
-    blended = footprint.blended(planes, torch.full((1, 7, 9), float(level)), BORDERS[border])
-    expected = footprint.boxed(planes, footprint.width(level), BORDERS[border])
-    torch.testing.assert_close(blended, expected, atol=1e-12, rtol=0)
-
-
-def test_a_map_is_near_the_box_of_every_pixel_itself(plane):
-    texture = plane(0.0, 24, 30, (1, 1))[1][0]
-    widths = 5 * torch.rand(24, 30, dtype=torch.float64)
-    places = footprint.place(widths.square())[None]
-    blended = footprint.blended(texture[None, None], places, BORDERS["edge"])[0, 0]
-    error = blended - slow_box(texture, widths, "edge")
-    assert float(error.square().mean().sqrt()) < 0.004 * float(texture.std())
-    assert float(error.abs().max()) < 0.03 * float(texture.std())
-
-
-def test_the_width_of_a_pixel_does_not_change_others():
-    image, widths = torch.rand(1, 1, 9, 9, dtype=torch.float64), torch.zeros(1, 9, 9)
-    widths[0, 4, 4] = 3
-    blended = footprint.blended(image, footprint.place(widths.square()), BORDERS["edge"])
-    changed = (blended - image).abs() > 1e-12
-    assert changed.nonzero()[:, 2:].tolist() == [[4, 4]]
-
-
-def test_uncovered_pixels_and_those_alone_have_no_inverse():
-    coverage = torch.tensor([0.0, 0.5, 0.5, 1e-9, 0.5], dtype=torch.float64)
-    blurred = torch.tensor([0.2, 0.25, 0.05, -0.1, 0.08], dtype=torch.float64)
-    assert footprint.inverse(coverage, blurred).tolist() == [0, 4, 0, 0, 12.5]
-
-
-def test_derivatives_in_both_modes():
-    images = torch.rand(1, 1, 4, 5, dtype=torch.float64, requires_grad=True)
-    places = (2.8 * torch.rand(1, 4, 5, dtype=torch.float64) + 0.1).requires_grad_()
-    for border in BORDERS.values():
-        assert torch.autograd.gradcheck(
-            lambda x, p, border=border: footprint.blended(x, p, border), (images, places), check_forward_ad=True
-        )
-
-
-def boxed_numba(stack, widths, border, factors=None):
+def boxed_numba(stack, widths, border):
     height, width = stack.shape[-2:]
     kinds = np.arange(height)
     ones = np.ones((height, width), stack.numpy().dtype)
-    scales = [RowFactors(ones if factors is None else factors, kinds) for _ in widths]
+    scales = [RowFactors(ones, kinds) for _ in widths]
     blurred = stack.clone()
     footprint.box_planes(blurred.numpy(), widths, BORDERS[border], scales)
     return blurred
@@ -242,12 +103,6 @@ def test_equals_eager_at_any_size(height, width, box, border):
     torch.testing.assert_close(boxed_numba(stack, [box], border), expected, atol=1e-12, rtol=0)
 
 
-def test_rows_are_multiplied_by_their_factors_after_the_blur():
-    stack, factors = torch.rand(1, 1, 1, 6, 8, dtype=torch.float64), torch.rand(6, 8, dtype=torch.float64)
-    expected = factors * footprint.boxed(stack, 2.0, BORDERS["edge"])
-    torch.testing.assert_close(boxed_numba(stack, [2.0], "edge", factors.numpy()), expected, atol=1e-12, rtol=0)
-
-
 @pytest.mark.parametrize("n_maps", [1, 2])
 @pytest.mark.parametrize("border", list(BORDERS))
 def test_maps_equal_eager(border, n_maps):
@@ -257,58 +112,3 @@ def test_maps_equal_eager(border, n_maps):
     expected = [footprint.blended(stack[:, n], places[:, n], BORDERS[border]) for n in range(3)]
     blended = footprint.blurred_numba(stack, places, BORDERS[border], None)
     torch.testing.assert_close(blended, torch.stack(expected, dim=1), atol=1e-12, rtol=0)
-
-
-@pytest.mark.parametrize("n_threads", [2, 5])
-def test_the_number_of_threads_changes_nothing(n_threads, monkeypatch):
-    stack, places = torch.rand(2, 3, 2, 9, 13), 4 * torch.rand(1, 3, 9, 13)
-    alone = (
-        boxed_numba(stack, [1.0, 2.0, 3.0], "edge"),
-        footprint.blurred_numba(stack, places, BORDERS["edge"], None),
-    )
-    monkeypatch.setattr(loops, "worthwhile", lambda *_: n_threads)
-    assert torch.equal(boxed_numba(stack, [1.0, 2.0, 3.0], "edge"), alone[0])
-    assert torch.equal(footprint.blurred_numba(stack, places, BORDERS["edge"], None), alone[1])
-
-
-def case():
-    widths = 3 * torch.rand(1, 2, *SIZE, dtype=torch.float64)
-    return torch.rand(2, 2, 3, *SIZE, dtype=torch.float64), widths
-
-
-def test_the_sign_of_a_width_does_not_matter():
-    stack, widths = case()
-    there, back = (footprint.blurred(stack, sign * widths, BORDERS["edge"]) for sign in (1, -1))
-    assert torch.equal(there, back)
-
-
-def test_samples_count_by_the_coverage_and_their_mean_is_kept():
-    _, widths = case()
-    coverage = torch.rand(2, *SIZE, dtype=torch.float64) + 0.2
-    level = torch.full((1, 2, 1, *SIZE), 0.7, dtype=torch.float64)
-    blurred = footprint.blurred(level, widths, BORDERS["renormalize"], coverage)
-    torch.testing.assert_close(blurred, level, atol=1e-12, rtol=0)
-
-
-def test_what_is_not_covered_stays_black():
-    stack, widths = case()
-    coverage = torch.ones(2, *SIZE, dtype=torch.float64)
-    coverage[..., :4] = 0
-    blurred = footprint.blurred(stack * coverage[:, None], widths, BORDERS["renormalize"], coverage)
-    assert not blurred[..., :4].any()
-    assert bool((blurred[..., 4:] > 0).all())
-
-
-def test_derivatives_are_taken_by_eager_operations(monkeypatch):
-    monkeypatch.setattr(footprint, "blurred_numba", pytest.fail)
-    stack, widths = case()
-    footprint.blurred(stack, widths.requires_grad_(), BORDERS["edge"]).sum().backward()
-    assert bool(widths.grad.isfinite().all())
-
-
-def test_periodic_planes_are_left_alone_unless_the_blur_varies():
-    stack, slopes = case()[0], torch.tensor([0.0, 1.0], dtype=torch.float64)
-    views = torch.zeros(2, 1, 1, 3, *SIZE, dtype=torch.float64)
-    for cell in (footprint.checked(0, torch.rand(SIZE), views), footprint.checked(1, 0.3, views)):
-        assert footprint.periodic(stack, cell, slopes) is stack
-    assert not torch.equal(footprint.periodic(stack, footprint.checked(1, torch.rand(SIZE), views), slopes), stack)

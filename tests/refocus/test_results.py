@@ -15,12 +15,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.refocus import footprint
-from lfref.refocus.disparity.disparity_map import depth_order, disparity_map
+from lfref.refocus.disparity.disparity_map import disparity_map
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.fourier.super_resolution import in_focus, predicted_views, super_resolve
+from lfref.refocus.fourier.super_resolution import predicted_views, super_resolve
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.simulator import sim30
@@ -47,11 +46,6 @@ def wall() -> Tensor:
     return clean + 0.002 * torch.randn(clean.shape, generator=torch.Generator().manual_seed(2))
 
 
-def stack_of_focus() -> tuple[Tensor, Tensor, Tensor]:
-    result = all_in_focus(shift_and_sum(views(), torch.linspace(-2, 2, 9).double()))
-    return result.image, result.index, result.confidence
-
-
 def reduced() -> tuple[Tensor, ...]:
     small = slope_range.reduce_views(views())
     coarse = slope_range.disparity_of_reduced(small)
@@ -60,43 +54,14 @@ def reduced() -> tuple[Tensor, ...]:
     return coarse.disparity, coarse.confidence, slope_range.on_surfaces(coarse).float(), torch.tensor(ends)
 
 
-def ordered() -> tuple[Tensor, Tensor, Tensor]:
-    disparity, confidence = disparity_map(views())[:2]
-    order = depth_order(views(), disparity, confidence)
-    return disparity, confidence, torch.tensor([float(order)])
-
-
-def footprints() -> tuple[Tensor, Tensor]:
-    taps = [footprint.taps(width) for width in (0.7, 3.3, 9.1)]
-    return torch.tensor(sum(taps, ())), torch.tensor([footprint.width(level) for level in range(1, 9)])
-
-
-def seam() -> tuple[Tensor]:
-    """What rings at the borders of a ramp that is shifted in the Fourier domain."""
-    ramp = torch.linspace(0, 1, 24).expand(3, 3, 1, 20, 24)
-    return (
-        100 * (shift_and_sum(ramp, [0.5], "exact", "edge") - shift_and_sum(ramp, [0.5], "linear", "edge")).flatten(),
-    )
-
-
-def faint() -> tuple[Tensor]:
-    """A wall with so little contrast that errors of both pictures are as small as those of rounding."""
-    views = wall().double()
-    faint = 0.9 + 0.03 * (views - views.mean())
-    return (100 * (super_resolve(faint, SLOPES[1:2]) - 0.9),)
-
-
 RESULTS = {
-    "disparity": ordered,
+    "disparity": lambda: tuple(disparity_map(views())),
     "slope range": reduced,
     "cells": lambda: (shift_and_sum_through_cells(views(), SLOPES),),
     "layers": lambda: (refocus_by_layers(views(), SLOPES),),
     "occlusion aware": lambda: (occlusion_aware(views(), SLOPES),),
-    "super resolution": lambda: (super_resolve(wall(), SLOPES[1:]), in_focus(views()[:4, :5], SLOPES)),
-    "faint": faint,
-    "footprints": footprints,
-    "seam": seam,
-    "all in focus": stack_of_focus,
+    "super resolution": lambda: (super_resolve(wall(), SLOPES[1:]),),
+    "all in focus": lambda: tuple(all_in_focus(shift_and_sum(views(), torch.linspace(-2, 2, 9).double()))),
     "extended focus": lambda: (extended_focus(views()),),
 }
 

@@ -2,21 +2,14 @@
 
 import math
 
-import numpy as np
 import pytest
 import torch
 from torch.nn import functional as F
 
-from lfref.errors import InputError
-from lfref.functional.loops import LANES
+from lfref.refocus import batches
 from lfref.refocus import wiener as module
-from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.wiener import add_rows, wiener
-from lfref.refocus.wiener_filters import Prior, opposites, prior_between, prior_of_map
-
-SLOPES = [-2.0, -0.4, 0.3]
-KNOWN = prior_between(-1.0, 0.5)
+from lfref.refocus.wiener_filters import Prior, opposites
 
 
 def only(disparity, unexplained=1e-4):
@@ -46,6 +39,12 @@ def plane_views(disparity, grid, size):
     return picture(disparity * torch.stack(torch.meshgrid(rows, columns, indexing="ij"), -1), size)
 
 
+def wiener(views, slope, prior):
+    """The plane at a slope through all of the aperture."""
+    aperture = batches.checked_weights(None, tuple(views.shape[:2]))
+    return module.refocus_jointly(views, torch.tensor([slope], dtype=torch.float64), prior, aperture)[0]
+
+
 def inner(images, margin):
     return images[..., margin:-margin, margin:-margin]
 
@@ -53,7 +52,7 @@ def inner(images, margin):
 @pytest.mark.parametrize(("disparity", "grid"), [(-0.6, (5, 5)), (0.0, (2, 4)), (0.37, (1, 5))])
 def test_a_plane_in_focus_is_its_texture(grid, disparity):
     views = plane_views(disparity, grid, (64, 66))
-    made = wiener(views, [disparity], only(disparity))[0]
+    made = wiener(views, disparity, only(disparity))
     expected = picture(torch.zeros(2, dtype=torch.float64), (64, 66))
     assert math.sqrt((made - expected)[..., 16:-16, 16:-16].square().mean()) < 2e-3
 
@@ -61,45 +60,12 @@ def test_a_plane_in_focus_is_its_texture(grid, disparity):
 @pytest.mark.parametrize(("grid", "disparity", "slope"), [((5, 5), 0.2, -3.0), ((4, 3), -0.5, 1.0), ((5, 5), 0.0, 0.4)])
 def test_what_is_out_of_focus_is_blurred_by_the_whole_aperture(grid, disparity, slope):
     views = plane_views(disparity, grid, (80, 82))
-    made = wiener(views, [slope], only(disparity))[0]
+    made = wiener(views, slope, only(disparity))
     blur = tuple(n * (slope - disparity) for n in grid)
     expected = picture(torch.zeros(2, dtype=torch.float64), (80, 82), blur)
     error, points = (inner(x - expected, 24).square().mean() for x in (made, exact_fourier(views, [slope])[0]))
     assert float(error) < 1e-6
     assert error < points / 20
-
-
-def test_without_a_prior_each_light_field_has_the_disparities_of_its_own_map():
-    fields = torch.stack([plane_views(disparity, (3, 3), (48, 50)) for disparity in (-0.5, 0.4)]).float()
-    stacks = wiener(fields, SLOPES)
-    for field, stack in zip(fields, stacks, strict=True):
-        torch.testing.assert_close(stack, wiener(field, SLOPES, prior_of_map(coarse_disparity(field))))
-    # The disparities of the other light field give another picture.
-    other = wiener(fields[0], SLOPES, prior_of_map(coarse_disparity(fields[1])))
-    assert float((stacks[0] - other).abs().max()) > 1e-3
-
-
-def test_planes_at_the_border_are_no_farther_off_than_the_views_reach():
-    views = plane_views(0.2, (5, 5), (64, 66))
-    made = wiener(views, [0.2], only(0.2))[0]
-    error = (made - picture(torch.zeros(2, dtype=torch.float64), (64, 66))).abs()
-    assert float(error[:, 8:-8, 8:-8].max()) < 0.02
-    assert float(error.max()) < 0.3
-
-
-def test_brightness_is_that_of_the_photograph():
-    views = plane_views(-0.3, (5, 5), (96, 100))
-    for slope, made in zip(SLOPES, wiener(views, SLOPES, KNOWN), strict=True):
-        blur = 5 * (slope + 0.3)
-        expected = inner(picture(torch.zeros(2, dtype=torch.float64), (96, 100), (blur, blur)), 20)
-        assert float(inner(made, 20).mean() / expected.mean()) == pytest.approx(1, abs=0.002)
-
-
-def test_noise_that_views_do_not_share_is_averaged_away():
-    noise = torch.randn(5, 5, 1, 64, 64, dtype=torch.float64)
-    quiet, loud = (wiener(noise, [0.2], only(0.2, unexplained)).std() for unexplained in (10.0, 1e-4))
-    assert quiet <= loud
-    assert loud < 1.2 / 5
 
 
 def test_folded_detail_is_told_apart_by_views_at_fractions_of_a_pixel():
@@ -109,35 +75,11 @@ def test_folded_detail_is_told_apart_by_views_at_fractions_of_a_pixel():
     wave = torch.cos(2 * math.pi * 0.7 * (x - disparity * columns[:, None]))
     views = wave[None, :, None, None, :].expand(len(rows), 5, 1, 60, 80)
     known = Prior((disparity,), (1.0,), aliased=1.0, unexplained=1e-4)
-    made = inner(wiener(views, [disparity - 0.5], known)[0], 20)
+    made = inner(wiener(views, disparity - 0.5, known), 20)
     # The photograph has the wave blurred by 5 x .5 pixels; samples of it are what is to be estimated.
     expected = (torch.sinc(torch.tensor(0.7 * 2.5)) * torch.cos(2 * math.pi * 0.7 * x))[20:-20]
     plain = inner(exact_fourier(views, [disparity - 0.5])[0], 20)
     assert (made - expected).square().mean() < (plain - expected).square().mean() / 4
-
-
-def test_mirrored_views_make_mirrored_planes():
-    views = torch.rand(4, 3, 2, 40, 44, dtype=torch.float64)
-    stack = wiener(views, SLOPES, KNOWN)
-    for axis in (-2, -1):
-        mirrored = wiener(views.flip(axis, axis - 3), SLOPES, KNOWN)
-        torch.testing.assert_close(mirrored.flip(axis), stack, atol=1e-4, rtol=0)
-
-
-def test_a_photograph_through_one_view_is_that_view():
-    aperture = torch.zeros(3, 3)
-    aperture[1, 1] = 1
-    views = plane_views(0.3, (3, 3), (64, 64))
-    made = wiener(views, [0.3], only(0.3), aperture)[0]
-    assert math.sqrt((made - views[1, 1])[..., 16:-16, 16:-16].square().mean()) < 2e-3
-
-
-@pytest.mark.parametrize(
-    "weights", [torch.arange(9.0).reshape(3, 3), torch.tensor([[1.0, 1, 0], [1, 1, 1], [1, 1, 0]]), torch.eye(3)]
-)
-def test_apertures_that_are_not_alike_on_both_sides_are_refused(weights):
-    with pytest.raises(InputError, match="symmetric about both axes"):
-        wiener(torch.rand(3, 3, 1, 20, 20), [0.0], KNOWN, weights)
 
 
 MARGIN = 3
@@ -149,12 +91,12 @@ def kernels(n_planes, n_views):
     return values + values.flip(1, 2, 3)
 
 
-def factors(filters, grid, side):
+def factors(filters, side):
     """What `_filtered` takes, of filters in pixels."""
-    both = opposites(grid)
+    n_sums, n_pairs = opposites(filters.shape[1])
     padding = side - filters.shape[-1]
     spectra = torch.fft.rfft2(F.pad(filters, (0, padding, 0, padding)).roll((-MARGIN, -MARGIN), (-2, -1)))
-    return torch.cat([spectra[:, : len(both.first)].real, spectra[:, : both.n_pairs].imag], 1)
+    return torch.cat([spectra[:, :n_sums].real, spectra[:, :n_pairs].imag], 1)
 
 
 def convolved(views, filters):
@@ -171,55 +113,6 @@ def convolved(views, filters):
 def test_squares_of_any_side_make_the_convolution(side, grid, size):
     views = torch.randn(2, grid[0] * grid[1], 3, *size, dtype=torch.float64)
     filters = kernels(2, grid[0] * grid[1])
-    made = module._filtered(views, opposites(grid), factors(filters, grid, side), side, MARGIN, by_loop=False)
+    made = module._filtered(views, factors(filters, side), side, MARGIN)
     assert made.shape == (2, 2, 3, *size)
     torch.testing.assert_close(made, convolved(views, filters), atol=1e-11, rtol=0)
-
-
-@pytest.mark.parametrize("add", [module._by_loop, module._by_torch])
-def test_factors_of_differences_are_times_i(add):
-    spectra, weights = torch.randn(5, 3, 8, 5) * (1 + 1j), torch.randn(2, 5, 8, 5)
-    turns = torch.tensor([1, 1, 1, 1j, 1j])
-    expected = torch.einsum("p,npyx,pjyx->njyx", turns, weights + 0j, spectra)
-    table = torch.stack(list(map(module._lanes, weights))) if add is module._by_loop else weights
-    torch.testing.assert_close(add(spectra, table, 3), expected)
-
-
-@pytest.mark.parametrize("n_at_once", [1, 2**20])
-@pytest.mark.parametrize("grid", [(3, 3), (1, 4), (1, 1)])
-def test_spectra_are_those_of_views_mixed_with_their_opposites(monkeypatch, n_at_once, grid):
-    monkeypatch.setattr(module, "MIXED_AT_ONCE", n_at_once)
-    both, views = opposites(grid), torch.rand(2, grid[0] * grid[1], 3, 9, 30)
-    first = module._spectra(views, both, (-2, -3), 2, 8, 4)
-    padded = F.pad(views.flatten(0, 1), (3, 0, 2, 0), mode="replicate").unflatten(0, views.shape[:2])
-    expected = torch.fft.rfft2(torch.stack([padded[..., :8, x : x + 8] for x in (0, 4)], 3)).transpose(0, 1)
-    n_sums = len(both.first)
-    for p in range(both.n_pairs):
-        torch.testing.assert_close(first[p], expected[p] + expected[-1 - p])
-        torch.testing.assert_close(first[n_sums + p], expected[p] - expected[-1 - p])
-    if len(expected) % 2:
-        torch.testing.assert_close(first[both.n_pairs], expected[both.n_pairs])
-
-
-def test_squares_one_by_one_give_the_same_picture(monkeypatch):
-    views = torch.rand(3, 3, 3, 90, 130)
-    expected = wiener(views, SLOPES, KNOWN)
-    monkeypatch.setattr(module, "AT_ONCE", 1)
-    assert torch.equal(wiener(views, SLOPES, KNOWN), expected)
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize(("n_given", "n_sums", "width"), [(9, 5, 21), (4, 2, LANES), (1, 1, 3)])
-def test_only_the_rows_of_the_band_are_written(compiled, n_given, n_sums, width):
-    generator = np.random.default_rng(0)
-    n_planes, n_pictures, height = 2, 3, 4
-    spectra = generator.standard_normal((n_given, n_pictures, height, width, 2))
-    n_lanes = -(-width // LANES)
-    factors = generator.standard_normal((n_planes, height, n_lanes, n_given, LANES))
-    made = np.full((n_planes, n_pictures, height, width, 2), np.nan)
-    (add_rows if compiled else add_rows.py_func)(spectra, factors, n_sums, 1, 3, made)
-    turned = spectra.view(np.complex128)[..., 0] * np.where(np.arange(n_given) < n_sums, 1, 1j)[:, None, None, None]
-    of_frequencies = factors.transpose(0, 3, 1, 2, 4).reshape(n_planes, n_given, height, -1)[..., :width]
-    expected = np.einsum("npyx,pjyx->njyx", of_frequencies, turned)
-    np.testing.assert_allclose(made[:, :, 1:3].view(np.complex128)[..., 0], expected[:, :, 1:3], atol=1e-12)
-    assert np.isnan(made[:, :, [0, 3]]).all()

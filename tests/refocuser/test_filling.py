@@ -9,16 +9,6 @@ from lfref.refocuser import filling
 from tests.refocus.conftest import shifted_views, texture
 
 
-def test_trusted_samples_stay_as_they_are():
-    views, weight = torch.rand(3, 4, 3, 6, 7), 0.2 + 0.8 * torch.rand(3, 4, 1, 6, 7)
-    assert torch.equal(filling.filled(views, weight), views)
-    weight[1, 2, :, 3, 4] = 0
-    made = filling.filled(views, weight)
-    is_other = torch.ones(3, 4, 3, 6, 7, dtype=torch.bool)
-    is_other[1, 2, :, 3, 4] = False
-    assert torch.equal(made[is_other], views[is_other])
-
-
 @settings(deadline=None, max_examples=30)
 @given(level=st.floats(0.01, 100), share=st.floats(0, 1), seed=st.integers(0, 99))
 def test_samples_of_little_weight_give_way_to_the_weighted_mean(level, share, seed):
@@ -43,14 +33,6 @@ def test_what_has_no_weight_may_be_anything():
     assert not expected[..., 2, 2].any()
 
 
-def test_light_fields_of_a_batch_are_filled_each_by_its_own():
-    views, weight = torch.rand(2, 3, 3, 2, 5, 6), torch.ones(2, 3, 3, 1, 5, 6)
-    weight[1, 0, 2, :, :3] = 0
-    made = filling.filled(views, weight)
-    assert torch.equal(made[0], views[0])
-    torch.testing.assert_close(made[1], filling.filled(views[1], weight[1]))
-
-
 def test_views_go_on_level_where_none_is_trusted():
     is_trusted = torch.ones(2, 3, 3, 1, 13, 18, dtype=torch.bool)
     is_trusted[1, ..., :7, :9], is_trusted[1, 0, 2] = False, False
@@ -58,23 +40,6 @@ def test_views_go_on_level_where_none_is_trusted():
     nowhere = ~is_trusted.any(1, keepdim=True).any(2, keepdim=True)
     made = filling.extended(torch.where(nowhere, 9.0, level), is_trusted)
     torch.testing.assert_close(made, level)
-
-
-def test_what_goes_on_lies_between_what_is_around():
-    views = torch.rand(3, 3, 1, 20, 30)
-    is_trusted = torch.ones(3, 3, 1, 20, 30, dtype=torch.bool)
-    is_trusted[..., 5:15, 8:22] = False
-    made = filling.extended(views, is_trusted)
-    assert torch.equal(made[is_trusted], views[is_trusted])
-    hole, around = made[..., 5:15, 8:22], views.mean((0, 1))
-    assert float(around.min()) <= float(hole.min()) < float(hole.max()) <= float(around.max())
-    assert torch.equal(filling.extended(views, torch.zeros_like(is_trusted)), torch.zeros_like(views))
-
-
-def test_samples_are_trusted_by_the_best_of_their_own_light_field():
-    weight = torch.tensor([0.3, 0.02, 0.01, 0.0])[:, None, None, None, None].expand(4, 1, 1, 2, 2)
-    both = torch.stack([weight, 0.01 * weight])
-    assert filling.trusted(both)[:, :, 0, 0, 0, 0].tolist() == [[True, True, False, False]] * 2
 
 
 @pytest.mark.parametrize("disparity", [-1.3, 0.4])

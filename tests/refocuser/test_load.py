@@ -7,7 +7,7 @@ import pytest
 import lfref
 from lfref.errors import CheckpointError
 from lfref.nets import checkpoint
-from lfref.refocuser.networks import SHIPPED, NetworkRefocuser, RefinedRefocuser
+from lfref.refocuser.networks import SHIPPED, NetworkRefocuser
 from tests.export import cases
 
 SHA256 = {
@@ -20,11 +20,6 @@ SHA256 = {
 @pytest.mark.parametrize("name", SHIPPED)
 def test_the_files_that_ship_are_those_that_were_tried(name):
     assert hashlib.sha256(SHIPPED[name].read_bytes()).hexdigest() == SHA256[name]
-
-
-def test_without_a_path_the_network_that_ships_is_loaded():
-    assert isinstance(lfref.load(), RefinedRefocuser)
-    assert lfref.load().name == "learned"
 
 
 def test_a_checkpoint_is_a_network(tmp_path):

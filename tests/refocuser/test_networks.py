@@ -17,7 +17,6 @@ from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
 from lfref.refocus import apertures
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import networks
@@ -51,38 +50,30 @@ def test_a_loaded_network_is_named_after_its_run_and_gives_the_same_stack(networ
     assert not refocuser.network.training
 
 
-@pytest.mark.parametrize("slopes", [[-1.0], [-1.0, 0.5, 0.5], [0.5, -1.0], [-1.0, 0.501]])
-def test_other_planes_are_refused(refocuser, slopes):
-    with pytest.raises(InputError, match=r"refnet makes the planes alpha 0\.5, alpha 2; got slope"):
-        refocuser(torch.rand(3, 3, 1, 8, 8), slopes)
+VIEWS = torch.rand(3, 3, 1, 8, 8)
+CAMERAS = torch.zeros(3, 3, 2, dtype=torch.float64)
 
 
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.bfloat16])
-def test_any_type_and_batch_go_in_and_come_out_without_gradients(refocuser, dtype):
-    views = torch.rand(2, 2, 3, 3, 1, 6, 5, requires_grad=True).to(dtype)
-    stack = refocuser(views)
-    assert (stack.dtype, stack.shape, stack.requires_grad) == (dtype, (2, 2, 2, 1, 6, 5), False)
+@pytest.mark.parametrize(
+    ("views", "slopes"),
+    [
+        (VIEWS, [0.5, -1.0]),
+        (VIEWS, [-1.0, 0.501]),
+        (VIEWS / 0, None),
+        (torch.rand(2, 2, 1, 6, 5), None),
+        (VIEWS.to("meta"), None),
+        (LightField(VIEWS, positions=CAMERAS), None),
+    ],
+)
+def test_other_planes_grids_devices_and_cameras_are_refused(refocuser, views, slopes):
+    with pytest.raises(InputError):
+        refocuser(views, slopes)
 
 
 @pytest.mark.parametrize(("dtype", "full"), [(torch.uint8, 255), (torch.uint16, 65535)])
 def test_whole_numbers_are_scaled_to_what_the_network_was_trained_on(refocuser, dtype, full):
     views = torch.randint(full + 1, (3, 3, 1, 8, 8)).to(dtype)
     torch.testing.assert_close(refocuser(views), refocuser(views.float() / full))
-
-
-@pytest.mark.parametrize("bad", [torch.nan, torch.inf])
-def test_views_that_are_not_finite_are_refused(refocuser, bad):
-    views = torch.rand(3, 3, 1, 8, 8)
-    views[1, 2, 0, 3, 3] = bad
-    with pytest.raises(InputError, match="views must be finite; got NaN or infinity"):
-        refocuser(views)
-
-
-def test_views_of_another_grid_or_device_are_refused(refocuser):
-    with pytest.raises(InputError, match=r"this network reads views .*views=\[3,3\], or scene.camera.grid=\[3,3\]"):
-        refocuser(torch.rand(2, 2, 1, 6, 5))
-    with pytest.raises(InputError, match="must be on the network's device, cpu; got meta"):
-        refocuser(torch.empty(3, 3, 1, 8, 8, device="meta"))
 
 
 def test_samples_without_trust_give_way_to_what_the_other_views_show(refocuser):
@@ -97,52 +88,17 @@ def test_samples_without_trust_give_way_to_what_the_other_views_show(refocuser):
     assert torch.equal(refocuser(LightField(views, weight=torch.ones_like(weight))), refocuser(views))
 
 
-def test_another_number_of_planes_than_the_network_makes_is_refused(network):
-    with pytest.raises(InputError, match=r"as many planes as there are \(1\); got 2"):
-        NetworkRefocuser(network, FocalPlanes([0.0]))
-
-
-def test_no_path_is_the_model_that_ships_and_a_missing_one_is_one_line(tmp_path):
-    assert load().name == "learned"
-    with pytest.raises(CheckpointError, match="no checkpoint at"):
-        load(tmp_path / "none.ckpt")
-
-
-def test_a_run_folder_stands_for_its_best_checkpoint(network, tmp_path):
-    run = tmp_path / "my_run"
-    checkpoint.save(run / "checkpoints" / "best.ckpt", network, PLANES)
-    (run / "config.yaml").write_text("{}\n")
-    assert load(run).name == "my_run"
-    (run / "checkpoints" / "best.ckpt").unlink()
-    with pytest.raises(CheckpointError, match=r"run my_run must have checkpoints/best\.ckpt; got none"):
-        load(run)
-
-
 def test_light_of_another_kind_than_it_was_trained_on_is_refused(network, tmp_path):
     views = torch.rand(3, 3, 1, 8, 8)
     encoded, linear = LightField(views, is_linear=False), LightField(views)
-    for is_linear, wanted, other, remedy in (
-        (True, linear, encoded, "read it without encoding=none"),
-        (False, encoded, linear, "read it with encoding=none"),
-    ):
+    for is_linear, wanted, other in ((True, linear, encoded), (False, encoded, linear)):
         entry = checkpoint.payload(network, PLANES, is_linear)
         state = {f"net.{name}": value for name, value in network.state_dict().items()}
         tensor_files.write_checkpoint(tmp_path / "net.ckpt", {"lfref": entry, "state_dict": state})
         refocuser = load(tmp_path / "net.ckpt")
         assert torch.equal(refocuser(wanted), refocuser(views))
-        with pytest.raises(InputError, match=f"net was trained on .*; got .*; {remedy}"):
+        with pytest.raises(InputError):
             refocuser(other)
-
-
-def test_a_checkpoint_that_does_not_tell_takes_any_light(network):
-    refocuser = NetworkRefocuser(network, PLANES)
-    views = torch.rand(3, 3, 1, 8, 8)
-    assert torch.equal(refocuser(LightField(views, is_linear=False)), refocuser(LightField(views)))
-
-
-def test_networks_have_no_aperture(network):
-    refocuser = NetworkRefocuser(network, PLANES)
-    assert refocuser.through(apertures.disc) is refocuser
 
 
 SLOPES = torch.tensor([-0.6, 0.0, 0.3], dtype=torch.float64)
@@ -166,18 +122,6 @@ def test_its_pictures_are_nearer_to_the_truth(made, noise, gain):
     assert float((after - before).mean()) > gain
     # Beyond 70 dB, where nobody sees it, it may lose some.
     assert float((after.clamp(max=70) - before.clamp(max=70)).min()) > -0.3
-
-
-def test_its_pictures_are_as_bright_as_the_truth(made):
-    stack = lfref.load()(LightField(made.views), SLOPES)
-    ratio = stack[INNER].mean((1, 2, 3)) / made.truth[INNER].mean((1, 2, 3))
-    torch.testing.assert_close(ratio, torch.ones(3), atol=3e-3, rtol=0)
-
-
-@pytest.mark.parametrize("light", [0.0, 0.3, 1.0])
-def test_what_is_constant_stays_so(light):
-    stack = lfref.load()(torch.full((5, 5, 3, 64, 70), light), [-0.5, 0.25])
-    torch.testing.assert_close(stack, torch.full_like(stack, light), atol=1e-4, rtol=0)
 
 
 BASE = OperatorRefocuser("linear", shift_and_sum)
@@ -211,16 +155,6 @@ def test_it_is_the_method_corrected_by_the_network(refined):
     torch.testing.assert_close(refined(views, SLOPES), expected.detach(), atol=2e-3, rtol=0)
 
 
-@pytest.mark.parametrize("able", [{}, {"amx_bf16": True}, {"avx512_bf16": True}])
-def test_corrections_are_of_half_precision_where_the_processor_multiplies_it(refined, able, monkeypatch):
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: able, raising=False)
-    views = torch.rand(3, 3, 3, 20, 22)
-    with torch.no_grad():
-        whole = refined.refiner(*next(refiner_inputs(LightField(views), SLOPES, BASE, NAMES)))
-    apart = float((refined(views, SLOPES) - whole).abs().max())
-    assert (1e-6 < apart < 5e-3) if able else apart < 1e-6
-
-
 @pytest.mark.parametrize("grid", [(3, 3), (4, 7), (9, 9), (1, 5), (1, 1)])
 def test_any_grid_size_and_number_of_planes_serve(refined, fresh, grid):
     views = torch.rand(*grid, 3, 21, 23)
@@ -229,25 +163,7 @@ def test_any_grid_size_and_number_of_planes_serve(refined, fresh, grid):
         torch.testing.assert_close(fresh(views, slopes), BASE(views, slopes))
 
 
-def test_planes_do_not_know_of_each_other(refined):
-    views = torch.rand(3, 3, 3, 20, 22)
-    torch.testing.assert_close(refined(views, SLOPES)[1:2], refined(views, SLOPES[1:2]), atol=1e-5, rtol=1e-4)
-
-
-def test_batches_are_refocused_one_by_one_and_keep_their_type(refined):
-    views = torch.rand(2, 2, 3, 3, 3, 16, 18, dtype=torch.float64)
-    stack = refined(views, SLOPES)
-    assert (stack.dtype, stack.shape) == (torch.float64, (2, 2, 3, 3, 16, 18))
-    torch.testing.assert_close(stack[1, 0], refined(views[1, 0], SLOPES))
-
-
-def test_grey_views_are_as_well_coloured_ones(refined):
-    grey = torch.rand(3, 3, 1, 16, 18)
-    expected = refined(grey.expand(-1, -1, 3, -1, -1), SLOPES).mean(1, keepdim=True)
-    torch.testing.assert_close(refined(grey, SLOPES), expected)
-
-
-@pytest.mark.parametrize("value", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("value", [0.0, 0.3])
 def test_what_is_constant_stays_so_and_black_stays_black(refined, value):
     stack = refined(torch.full((3, 3, 3, 16, 18), value), SLOPES)
     torch.testing.assert_close(stack, torch.full_like(stack, value), atol=1e-4 * value, rtol=0)
@@ -271,24 +187,10 @@ def test_an_aperture_is_looked_through(refined, fresh):
     assert not torch.equal(narrow(views, SLOPES), refined(views, SLOPES))
 
 
-@pytest.mark.parametrize("bad", [torch.nan, torch.inf])
-def test_views_that_are_not_finite_are_refused_by_refiners(refined, bad):
-    views = torch.rand(3, 3, 3, 16, 18)
-    views[1, 2, 0, 3, 3] = bad
-    with pytest.raises(InputError, match="views must be finite"):
-        refined(views, SLOPES)
-
-
-def test_other_channels_positions_devices_and_no_planes_are_refused(refined):
-    views = torch.rand(3, 3, 3, 16, 18)
-    with pytest.raises(InputError, match="3 channels or one; got 2"):
-        refined(views[:, :, :2], SLOPES)
-    with pytest.raises(InputError, match="even grid"):
-        refined(LightField(views, positions=torch.zeros(3, 3, 2, dtype=torch.float64)), SLOPES)
-    with pytest.raises(InputError, match="the network's device, cpu"):
-        refined(views.to("meta"), SLOPES)
-    with pytest.raises(InputError, match="give slopes"):
-        refined(views)
+@pytest.mark.parametrize("n_channels", [2, 4])
+def test_other_channels_are_refused(refined, n_channels):
+    with pytest.raises(InputError):
+        refined(torch.rand(3, 3, n_channels, 16, 18), SLOPES)
 
 
 def written(path, net, method=BASE, changes=()):
@@ -305,13 +207,6 @@ def test_a_checkpoint_brings_method_options_and_features_along(refined, tmp_path
     expected = RefinedRefocuser(refiner(), layers, NAMES, "net")(views, SLOPES)
     torch.testing.assert_close(loaded(views, SLOPES), expected)
     assert (loaded.name, loaded.planes, loaded.grid) == ("net", None, None)
-
-
-def test_methods_that_no_checkpoint_can_name_are_refused():
-    with pytest.raises(InputError, match="must correct one of occlusion_aware"):
-        networks.refiner_entry(refiner(), OperatorRefocuser("exact", exact_fourier), NAMES)
-    with pytest.raises(InputError, match="without an aperture"):
-        networks.refiner_entry(refiner(), BASE.through(apertures.disc), NAMES)
 
 
 @pytest.mark.parametrize(
@@ -332,23 +227,3 @@ def test_methods_that_no_checkpoint_can_name_are_refused():
 def test_checkpoints_that_describe_nothing_are_one_line(tmp_path, changes):
     with pytest.raises(CheckpointError):
         load(written(tmp_path / "net.ckpt", refiner(), changes=changes))
-
-
-def test_weights_alone_refocus_as_their_checkpoint_does(tmp_path):
-    path = written(tmp_path / "net.ckpt", refiner())
-    checkpoint.write_weights(tmp_path / "net.safetensors", checkpoint.read(path), {"command": "lfref train"})
-    views = torch.rand(3, 3, 3, 20, 22)
-    assert torch.equal(load(tmp_path / "net.safetensors")(views, SLOPES), load(path)(views, SLOPES))
-
-
-def test_a_checkpoint_of_an_earlier_version_has_other_names(tmp_path):
-    names = ("central", "error_scale", "noise")
-    net = Refiner(5, 1, width=8, n_blocks=1)
-    entry = {"format": 1, "base": {"name": "linear", "operator": "shift_and_sum", "options": {}}}
-    entry["guides"] = ["central", "doubt", "chance"]
-    entry["refiner"] = {"n_guides": 5, "n_offers": 1, "width": 8, "n_blocks": 1}
-    state = {f"net.{name}": value for name, value in net.state_dict().items()}
-    tensor_files.write_checkpoint(tmp_path / "old.ckpt", {"lfref": entry, "state_dict": state})
-    views = torch.rand(3, 3, 3, 20, 22)
-    expected = RefinedRefocuser(net, BASE, names, "new")(views, SLOPES)
-    assert torch.equal(load(tmp_path / "old.ckpt")(views, SLOPES), expected)

@@ -67,16 +67,7 @@ class GreyViews(NamedTuple):
 
 
 def grey_views(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> GreyViews:
-    """The views of a light field in grey, those of weight 0 left out.
-
-    Args:
-        views: Floating point, uint8 or uint16, [V, U, C, H, W].
-        aperture: Weight of each view, [V, U].
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-    Raises:
-        InputError: Views that are not finite, or less than two of a weight above 0.
-    """
+    """The views of a light field [V, U, C, H, W] in grey, those of weight 0 in the aperture [V, U] left out."""
     is_read = aperture > 0
     if int(is_read.sum()) < 2:
         raise InputError("disparity takes more than one view", got=f"{int(is_read.sum())} of a weight above 0")
@@ -152,13 +143,9 @@ class ViewTaps(NamedTuple):
 
 
 def disagreements(views: GreyViews, slopes: Tensor, spread: Reals, rows: Integers | None = None) -> Tensor:
-    """The cost volume: the share of views that disagree, [N, R, W].
+    """The cost volume at slopes [N]: the share of views that disagree, [N, R, W], in some rows [R] or in all.
 
-    Args:
-        views: The views.
-        slopes: In pixels per view step, [N].
-        spread: Square of the difference that counts as half a disagreement, [H, W].
-        rows: Rows to compute, [R]; None: all.
+    The spread [H, W] is the square of the difference that counts as half a disagreement.
     """
     height, width = views.samples.shape[1:]
     chosen = np.arange(height) if rows is None else rows

@@ -4,7 +4,7 @@
 semi-global matching and refinement between the slopes (`matching`). `coarse_disparity` does the same at half the size:
 a quarter of the time, enough to know where edges are. Methods refocus by it. Around small lights it holds the disparity
 of the light.
-`depth_order`: what hides is in front of what is hidden. Cameras counted in our order see near points move against
+`order_score`: what hides is in front of what is hidden. Cameras counted in our order see near points move against
 their own way, d falls with nearness; where both axes of the views are reversed it rises. Next to the edge of a surface
 in front, half of the views of a line see what the other half does not: that half agrees at the disparity of what is
 behind. Whether the disparities around are larger or smaller than that one is counted over the picture.
@@ -109,31 +109,15 @@ def disparity_map(
 
 
 @torch.no_grad()
-def coarse_disparity(field: Tensor, first: float | None = None, last: float | None = None) -> Tensor:
-    """Disparity of each pixel of the central view, for refocusing.
-
-    It differs from `disparity_map` around lights. Large views have one value in each square of two by two pixels.
-
-    Args:
-        field: Radiance, [V, U, C, H, W], floating point.
-        first: Least disparity to look for, in pixels per view step; None estimates it.
-        last: Largest disparity to look for, in pixels per view step; None estimates it.
-
-    Returns:
-        In pixels per view step, [H, W].
-
-    Raises:
-        InputError: Views or a range that cannot be used.
-    """
+def coarse_disparity(field: Tensor) -> Tensor:
+    """Disparity of the central view of a light field [V, U, C, H, W], around lights that of the light, [H, W]."""
     height, width = field.shape[-2:]
     scale, reduced = 1, field
     if min(height, width) >= LARGE:
         # Colours are averaged first: matching would do so later, of four times as many pixels.
         halves = F.avg_pool2d(field.mean(2), 2, ceil_mode=True, count_include_pad=False)
         scale, reduced = 2, halves[:, :, None]
-    if first is None or last is None:
-        low, high = estimate_range(reduced, batches.checked_weights(None, batches.grid_and_size(reduced)[0]))
-    low, high = (low if first is None else first / scale), (high if last is None else last / scale)
+    low, high = estimate_range(reduced, batches.checked_weights(None, batches.grid_and_size(reduced)[0]))
     disparity = scale * _with_lights(reduced, disparity_map(reduced, low, high).disparity, low, high)
     return disparity.repeat_interleave(scale, 0).repeat_interleave(scale, 1)[:height, :width]
 
@@ -158,18 +142,10 @@ def _with_lights(field: Tensor, disparity: Tensor, first: float, last: float) ->
 
 
 def estimate_range(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> tuple[float, float]:
-    """Least and largest disparity that a light field may hold, in pixels per view step.
+    """Least and largest disparity that a light field [V, U, C, H, W] may hold, in pixels per view step.
 
-    Spectra know what is textured, however small; matching of reduced views knows large smooth surfaces that have next
-    to no texture. The range is that of the spectra, widened by that of the reduced views.
-
-    Args:
-        views: Radiance, floating point, uint8 or uint16, [V, U, C, H, W].
-        aperture: Weight of each view, their sum 1, [V, U].
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-    Raises:
-        InputError: Views that are not finite.
+    The range is that of the spectra, which know all texture, widened by that of matched reduced views, which know large
+    smooth surfaces.
     """
     # The outermost views can shift by a little less than half of their size.
     grid, size = batches.grid_and_size(views)
@@ -197,7 +173,7 @@ def estimate_range(views: Tensor, aperture: Tensor, positions: Tensor | None = N
 
 
 RIM = 8
-"""Pixels at the borders that `depth_order` leaves out: views end there."""
+"""Pixels at the borders that `order_score` leaves out: views end there."""
 FEWEST = 30
 """Pixels that must be sure, and that must be hidden from half of the views, for a statement about the order."""
 SIDES_STEP = 0.1
@@ -217,23 +193,12 @@ CLEAR = 0.5
 """Least absolute `order_score` of a statement about the order."""
 
 
-def depth_order(views: Tensor, disparity: Tensor, confidence: Tensor) -> int:
-    """1 if larger disparities are nearer, -1 if smaller ones are, 0 where `order_score` is not clear."""
-    score = order_score(views, disparity, confidence)
-    return int(math.copysign(1, score)) if abs(score) > CLEAR else 0
-
-
 @torch.no_grad()
 def order_score(views: Tensor, disparity: Tensor, confidence: Tensor) -> float:
-    """How clearly larger or smaller disparities are nearer, from the middle row and column of views.
+    """How clearly larger disparities (up to 1) or smaller ones (down to -1) are nearer; 0 where nothing hides anything.
 
-    Args:
-        views: Floating point, uint8 or uint16, [V, U, C, H, W].
-        disparity: Of each pixel of the central view, in pixels per view step, [H, W].
-        confidence: Of the disparity, [0, 1], [H, W].
-
-    Returns:
-        From -1 (all evidence is for smaller ones) to 1 (for larger ones); 0 where nothing clearly hides anything.
+    It takes a light field [V, U, C, H, W], of which the middle row and column of views are read, the disparity of the
+    central view and its confidence, [H, W] each.
     """
     sure = disparity[confidence > 0.4]
     if sure.numel() < FEWEST:
@@ -248,10 +213,8 @@ def order_score(views: Tensor, disparity: Tensor, confidence: Tensor) -> float:
 
 
 def _steps_to_front(line: Tensor, disparity: Tensor, first: float, last: float) -> Tensor:
-    """Disparity around minus that of each pixel that one half of a line [1, n, 1, H, W] does not see, [P].
-
-    The differences are weighted by the standard deviation of the views of that half.
-    """
+    """Disparity around minus that of each pixel that one half of a line [1, n, 1, H, W] does not see, [P], weighted by
+    the standard deviation of the views of that half."""
     n_views = max(line.shape[:2])
     if n_views < 3 or min(line.shape[-2:]) <= 2 * RIM:
         return line.new_zeros(0)

@@ -59,13 +59,9 @@ def slopes_between(first: float, last: float) -> Tensor:
 
 
 def best_slopes(views: GreyViews, slopes: Tensor, noise: float, radius: float) -> tuple[Tensor, Tensor]:
-    """The slope of each pixel and its confidence, [H, W] each.
+    """The slope of each pixel, among evenly spaced ones [N], and its confidence, [H, W] each.
 
-    Args:
-        views: The views.
-        slopes: Slopes tried, evenly spaced, in pixels per view step, [N].
-        noise: Standard deviation of a view.
-        radius: Standard deviation of the window in which views are compared, in pixels.
+    `noise` and `radius` are standard deviations, of a view and of the window in which views are compared.
     """
     spread = cost_volume.spread(views, noise).numpy()
     shares = neighbours.smoothed(cost_volume.disagreements(views, slopes, spread), radius)
@@ -142,15 +138,7 @@ def _extend(costs: Reals, path: Reals, change: float, jump: float, here: Reals) 
 
 
 def refine(views: GreyViews, disparity: Tensor, noise: float, first: float, last: float) -> Tensor:
-    """A disparity map with its fractions, float32, [H, W].
-
-    Args:
-        views: The views.
-        disparity: In pixels per view step, right to about `STEP`, [H, W].
-        noise: Standard deviation of a view.
-        first: Least disparity there may be.
-        last: Largest disparity there may be.
-    """
+    """A disparity map [H, W] that is right to about `STEP` with its fractions, between `first` and `last`, float32."""
     coefficients, spread = splines.coefficients(views.samples), cost_volume.spread(views, noise).numpy()
     variance = noise**2 + cost_volume.LEAST_NOISE**2
     for _ in range(2):
@@ -241,13 +229,9 @@ def _step(
 
 
 def relax(target: Tensor, trust: Tensor, across: Tensor, down: Tensor) -> Tensor:
-    """The smooth map of step 3, float64: all rows solved at once, then all columns, again and again.
+    """The smooth map [H, W] of step 3, float64: all rows solved at once, then all columns, again and again.
 
-    Args:
-        target: Values aimed at, [H, W].
-        trust: Weight of the targets, >= 0, [H, W].
-        across: Tie of each value to the one to its right, >= 0, the last column unused, [H, W].
-        down: Tie to the one below, the last row unused, [H, W].
+    `across` ties each value to the one to its right, `down` to the one below; the last column and row are unused.
     """
     aims, ties, falls = (np.ascontiguousarray(map_.double().numpy()) for map_ in (target, across, down))
     # Where neither neighbours nor pixels know anything, values stay.

@@ -19,8 +19,6 @@ column from the angular centre, `p q` position in a view along y and x, `d` disp
 Source: Nayar, Nakagawa, "Shape from Focus", 1994; its Gaussian peak is the parabola through log E.
 """
 
-import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -85,12 +83,9 @@ def all_in_focus(stack: Tensor, radius: float = 2.0) -> AllInFocus:
         >>> image.shape, index.shape
         (torch.Size([3, 48, 64]), torch.Size([48, 64]))
     """
-    if stack.ndim < 4 or 0 in stack.shape:
-        raise InputError("a stack must be [..., N, C, H, W] with no axis empty", got=f"shape {list(stack.shape)}")
-    if not stack.is_floating_point():
-        raise InputError("a stack must be floating point", got=stack.dtype, remedy="scale integers to [0, 1]")
-    if not (math.isfinite(radius) and radius >= 0):
-        raise InputError("radius must be finite and at least 0, in pixels", got=radius)
+    if stack.ndim < 4 or not stack.is_floating_point() or not radius >= 0:
+        expected = "a stack must be floating point, [..., N, C, H, W], and the radius at least 0"
+        raise InputError(expected, got=f"{stack.dtype}, {list(stack.shape)} and {radius}")
     planes = stack.reshape(-1, *stack.shape[-4:])
     working, floor = batches.working_dtype(stack.dtype), ROUNDING * stack.shape[-3]
     # One plane at a time keeps the working set small.
@@ -124,21 +119,13 @@ def index_to_slope(index: Tensor, slopes: Slopes) -> Tensor:
 
     Returns:
         Slopes in pixels per view step, linear between the planes, in the type and shape of the index.
-
-    Raises:
-        InputError: The slopes are not finite, or neither rise nor fall throughout; an index of integers.
     """
-    if not index.is_floating_point():
-        raise InputError("index must be floating point", got=index.dtype)
-    # A grid of one view shifts nothing: only the numbers are checked.
-    planes = geometry.checked_slopes(slopes, (1, 1), (1, 1))
+    planes = geometry.as_slopes(slopes)
     steps = planes.diff()
-    if not (bool((steps > 0).all()) or bool((steps < 0).all())):
-        raise InputError("slopes must rise or fall throughout", got=planes.tolist(), remedy="sort the planes")
     if len(planes) == 1:
         return planes.to(index).expand_as(index)
     inside = index.clamp(0, len(steps))
-    below = inside.detach().nan_to_num().long().clamp(max=len(steps) - 1)
+    below = inside.detach().long().clamp(max=len(steps) - 1)
     return planes.to(index)[below] + (inside - below) * steps.to(index)[below]
 
 
@@ -164,7 +151,6 @@ def extended_focus(
     disparity: Tensor | None = None,
     weights: Tensor | None = None,
     positions: Tensor | None = None,
-    prepare: Callable[[Tensor], Tensor] | None = None,
 ) -> Tensor:
     """Make the picture of the central view with the light of all of them, on the CPU.
 
@@ -173,8 +159,6 @@ def extended_focus(
         disparity: Of each pixel of the central view, in pixels per view step, [..., H, W]; None estimates it.
         weights: Weight of each view, those of 0 are not read, [V, U]; None reads all.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-        prepare: Linear function of some channels of the views, in floating point, that is applied to each and to their
-            mean before they are read; so a copy of all channels is never held. None: they are read as they are.
 
     Returns:
         Sharp pictures in the type (float32 for integers) and on the device of the views, [..., C, H, W]. No gradients.
@@ -197,47 +181,26 @@ def extended_focus(
     if not bool(maps.isfinite().all()):
         raise InputError("disparity must be finite", got="NaN or infinity", remedy="fill what is missing first")
     maps = maps.detach().float().cpu().reshape(-1, *size)
-    prepared = prepare or (lambda part: part)
-    pictures = [_picture(field, aperture, positions, map_, prepared) for field, map_ in zip(batch, maps, strict=True)]
+    pictures = [_picture(field, aperture, positions, map_) for field, map_ in zip(batch, maps, strict=True)]
     return torch.stack(pictures).reshape(*shape[:-2], *views.shape[-3:]).to(views.device, batches.stack_dtype(views))
 
 
-def _picture(
-    views: Tensor,
-    aperture: Tensor,
-    positions: Tensor | None,
-    disparity: Tensor,
-    prepare: Callable[[Tensor], Tensor],
-) -> Tensor:
+def _picture(views: Tensor, aperture: Tensor, positions: Tensor | None, disparity: Tensor) -> Tensor:
     """One light field [V, U, C, H, W] as one picture [C, H, W]."""
-    weights, places = _weighed(cost_volume.grey_views(prepare(_grey(views)), aperture, positions), disparity)
-    d, numbers = disparity.numpy(), (aperture > 0).flatten().nonzero()[:, 0].tolist()
+    weights, places = _weighed(cost_volume.grey_views(views, aperture, positions), disparity)
+    d, is_read = disparity.numpy(), (aperture > 0).to(views.device)
     n_threads = loops.worthwhile(disparity.numel(), 1 << 10)  # pixels from which one more thread pays
     channels = []
     for channel in views.detach().split(1, 2):  # one at a time: each needs a copy
-        light = prepare(batches.radiance(channel)).float().cpu()
-        # The copy becomes what is read of it: the views that are read move to its front, in place.
-        light = light.clone() if _shares_memory(light, views) else light.contiguous()
-        read = light.flatten(0, 2).numpy()
-        for place, index in enumerate(numbers):
-            read[place] = read[index]
-        samples = splines.coefficients(read[: len(numbers)], in_place=True)
+        light = channel[:, :, 0][is_read]  # a copy of the views that are read
+        samples = splines.coefficients(batches.radiance(light).float().cpu().numpy(), in_place=True)
         picture = np.empty_like(d)
         bands = loops.bands(len(disparity), n_threads)
         jobs = [(samples, places, d, weights[a:b], a, picture[a:b]) for a, b in bands]
         loops.share(add_views, jobs, n_threads)
         channels.append(torch.from_numpy(picture))
-        del light, read, samples, jobs  # or the next channel's would be added to them
+        del light, samples, jobs  # or the next channel's would be added to them
     return torch.stack(channels)
-
-
-def _shares_memory(one: Tensor, other: Tensor) -> bool:
-    return one.untyped_storage().data_ptr() == other.untyped_storage().data_ptr()
-
-
-def _grey(views: Tensor) -> Tensor:
-    """Views [V, U, C, H, W] in grey, [V, U, 1, H, W]."""
-    return torch.stack([batches.radiance(row.detach()).mean(1, keepdim=True) for row in views])
 
 
 def _weighed(light: GreyViews, disparity: Tensor) -> tuple[Reals, Reals]:

@@ -117,14 +117,7 @@ class ReducedViews:
 def reduce_views(
     views: Tensor, weight: Tensor | None = None, positions: Tensor | None = None, pixels: int = PIXELS
 ) -> ReducedViews:
-    """Choose views and reduce them.
-
-    Args:
-        views: Floating point, uint8 or uint16, [V, U, C, H, W].
-        weight: Trust in each sample, in [0, 1], [V, U, 1, H, W]; None: full.
-        positions: Of each camera in view steps, (v, u), [V, U, 2]; None: the even grid.
-        pixels: Of a reduced view, about.
-    """
+    """Choose views of a light field [V, U, C, H, W] and reduce them to about so many pixels."""
     height, width = views.shape[-2:]
     factor = min(max(1, round((height * width / pixels) ** 0.5)), height, width)
     cameras = (
@@ -173,10 +166,7 @@ def _cross(present: Tensor, cameras: Tensor) -> list[tuple[int, int]]:
 
 
 def _evened(pictures: Tensor, weights: Tensor, steps: Tensor) -> Tensor:
-    """Pictures divided by their smooth gain over the first one, where that is too uneven to be parallax.
-
-    Vignetting and exposure would look like motion of shading.
-    """
+    """Pictures divided by their smooth gain over the first one, where that is too uneven to be parallax."""
     # The gain is 1 + a quadratic polynomial, fitted on blocks, weighted by the light.
     size = min(pictures.shape[1], 8), min(pictures.shape[2], 12)
     low, sure = (F.adaptive_avg_pool2d(maps[:, None], size)[:, 0] for maps in (pictures, weights))
@@ -229,20 +219,14 @@ class SlopeFit(NamedTuple):
 
 @torch.no_grad()
 def disparity_of_reduced(reduced: ReducedViews) -> CoarseDisparity:
-    """Disparity and confidence of reduced views.
-
-    Returns:
-        A pixel of which nothing is known has the median disparity of the others and the confidence 0; all are 0 where
-        nothing moves, views are flat, or there is one view only.
-
-    Example:
-        >>> from lfref.refocus.focus.slope_range import reduce_views
-        >>> disparity_of_reduced(reduce_views(torch.rand(5, 5, 3, 64, 64))).disparity.shape
-        torch.Size([64, 64])
-    """
-    first = _first_sweep(reduced)
+    """Disparity and confidence at the reference of reduced views: a sweep over all slopes, then over their range."""
+    nothing = torch.zeros(reduced.pictures.shape[1:])
+    if len(reduced.indices) < 2 or min(nothing.shape) < 2:
+        return CoarseDisparity(nothing, nothing, reduced.factor, nothing.bool())
+    smaller = smallest(reduced)
+    first = as_disparity(widest_fit(smaller), smaller.factor)
     if not bool(first.confidence.any()):
-        return _nothing(reduced)
+        return CoarseDisparity(nothing, nothing, reduced.factor, nothing.bool())
     sure = first.confidence >= min(SURE, float(first.confidence.quantile(0.8)))
     low, high = (first.disparity[sure].quantile(torch.tensor([0.005, 0.995])) / reduced.factor).tolist()
     low, high = _with_far_surfaces(reduced, low, high)
@@ -266,20 +250,6 @@ def _ends(coarse: CoarseDisparity, sure: Tensor) -> tuple[float, float] | None:
     # A bin of few pixels is noise: of 12,000 pixels, 12 are needed.
     filled = bins[counts >= max(FEWEST, sure.numel() // 1000)]
     return (float(filled[0]) * BIN, float(filled[-1]) * BIN) if len(filled) else None
-
-
-@torch.no_grad()
-def _first_sweep(reduced: ReducedViews) -> CoarseDisparity:
-    """Over all slopes, on the smallest views."""
-    if len(reduced.indices) < 2 or min(reduced.pictures.shape[1:]) < 2:
-        return _nothing(reduced)
-    smaller = smallest(reduced)
-    return as_disparity(widest_fit(smaller), smaller.factor)
-
-
-def _nothing(reduced: ReducedViews) -> CoarseDisparity:
-    empty = torch.zeros(reduced.pictures.shape[1:])
-    return CoarseDisparity(empty, empty, reduced.factor, empty.bool())
 
 
 def smallest(reduced: ReducedViews) -> ReducedViews:
@@ -350,15 +320,10 @@ def as_disparity(best: SlopeFit, factor: int) -> CoarseDisparity:
 
 
 def fit_slopes(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, most: float, pad: int) -> list[SlopeFit]:
-    """For each of S slopes, fit the disparity r that is left after the views are shifted by that slope, in closed form.
+    """For each of S slopes, fit the disparity r, at most `most`, that is left after the shifts, in closed form.
 
-    Args:
-        light: Pictures, 0 where their weight is, with a margin, [K, h + 2 pad, w + 2 pad].
-        weights: 0 or 1, in the margin 0, of the same shape.
-        steps: Of each view from the reference, (v, u), float64, [K, 2].
-        slopes: In pixels per view step, float64, [S].
-        most: Largest |r|.
-        pad: Width of the margin, at least as far as a slope shifts a view.
+    Pictures and their weights, [K, h + 2 pad, w + 2 pad], have a margin of 0, at least as wide as the largest shift;
+    steps [K, 2] lead from the reference to each view.
     """
     shifts = (slopes[:, None, None] * steps).round()
     offsets = torch.cat([steps.expand_as(shifts), slopes[:, None, None] * steps - shifts], 2).to(light.dtype)  # p and e
@@ -386,9 +351,8 @@ def fit_slopes(light: Tensor, weights: Tensor, steps: Tensor, slopes: Tensor, mo
 def _moments(light: Tensor, weights: Tensor, offsets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Of light and weights [S, K, h, w] and offsets [S, K, 4], over the views and about their means.
 
-    Returns:
-        Mean of the light, [S, h, w]; sum of its squares, [S, h, w]; sums of products of the four offsets with the four
-        and with light, [4, 5, S, h, w].
+    Returns the mean of the light and the sum of its squares, [S, h, w] each, and sums of products of the four offsets
+    with the four and with light, [4, 5, S, h, w].
     """
     pairs = [(i, j) for i in range(4) for j in range(i, 4)]
     first = torch.cat([torch.ones_like(offsets[..., :1]), offsets], 2)
@@ -446,23 +410,9 @@ class DisparityRange(NamedTuple):
 
 @torch.no_grad()
 def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> DisparityRange | None:
-    """Find the range in which methods look for the disparities of a light field, at any distance of the cameras.
+    """The range in which methods look for the disparities of a light field [V, U, C, H, W]; None: nothing shows any.
 
-    Small surfaces count too, and there is room for what reduced views do not show, so the range is wider than that of
-    `slope_range`.
-
-    Args:
-        views: Floating point, uint8 or uint16, [V, U, C, H, W].
-        weights: Weight of each view; views of weight 0 are not read, [V, U]; None reads all.
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-    Returns:
-        The range; None where nothing shows how far away anything is.
-
-    Example:
-        >>> from lfref.refocus.focus.slope_range import scene_range
-        >>> scene_range(torch.full((5, 5, 3, 64, 64), 0.5)) is None
-        True
+    Small surfaces count too, and there is room for what reduced views do not show.
     """
     shape = (*views.shape[:2], 1, *views.shape[-2:])
     weight = None if weights is None else (weights > 0).float()[:, :, None, None, None].expand(shape)
@@ -490,13 +440,7 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
 
 @torch.no_grad()
 def slope_range(coarse: CoarseDisparity) -> tuple[float, float] | None:
-    """Lower and upper end of a scene's disparities, in pixels per view step; None where too little of it is sure.
-
-    Example:
-        >>> from lfref.refocus.focus.slope_range import disparity_of_reduced, reduce_views
-        >>> slope_range(disparity_of_reduced(reduce_views(torch.full((5, 5, 3, 64, 64), 0.5)))) is None
-        True
-    """
+    """Lower and upper end of a scene's disparities, in pixels per view step; None where too little of it is sure."""
     sure, share = on_surfaces(coarse), reliable_share(coarse)
     if int((sure & coarse.is_textured).sum()) < min(50, sure.numel() / 4) or share < LEAST_SHARE:
         return None

@@ -35,7 +35,7 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional.neighbours import box_max
 from lfref.geometry import Slopes
-from lfref.refocus import batches
+from lfref.refocus import batches, footprint
 from lfref.refocus.focus.slope_range import DisparityRange
 from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.exact import filter_and_sum, frequencies, half_frequencies, shift_phases
@@ -102,16 +102,8 @@ class _Sample(NamedTuple):
 
 
 def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energies:
-    """Evenly spaced layers over the range of disparities that a light field holds.
-
-    Args:
-        views: Light field, [V, U, C, H, W].
-        n_layers: Number of layers, >= 1; more where they would lie farther apart than `SPACING`.
-        aperture: Weight of each view, their sum 1, [V, U].
-
-    Raises:
-        InputError: Views that are not finite.
-    """
+    """At least `n_layers` even layers, `SPACING` apart or less, over the disparities that a light field [V, U, C, H, W]
+    holds. The aperture [V, U] is of sum 1."""
     sample = _sampled(views, aperture)
     low, high = _held(sample, views, wide_range(views.detach(), aperture))
     outermost = (max(aperture.shape) - 1) / 2
@@ -121,16 +113,7 @@ def estimate_energies(views: Tensor, n_layers: int, aperture: Tensor) -> Energie
 
 
 def energy_range(views: Tensor, aperture: Tensor, known: DisparityRange | None) -> tuple[float, float]:
-    """Least and largest disparity at which the spectra of a light field hold light, in pixels per view step.
-
-    Args:
-        views: Light field, [V, U, C, H, W].
-        aperture: Weight of each view, their sum 1, [V, U].
-        known: Range of its disparities, if it is wide.
-
-    Raises:
-        InputError: Views that are not finite.
-    """
+    """Least and largest disparity at which the spectra of a light field hold light; `known`: its range, if wide."""
     return _held(_sampled(views, aperture), views, known)
 
 
@@ -219,38 +202,18 @@ class Layers:
     """Where the pictures lie in the period [h, w] of the spectra."""
 
     def refocus(self, slopes: Slopes, weights: Tensor | None = None, fill: float = 1.0) -> Tensor:
-        """Photographs through an aperture of cells, at any slopes.
-
-        Args:
-            slopes: Focus in pixels per view step, [N].
-            weights: Synthetic aperture, >= 0, [V, U]; None weighs all cells alike.
-            fill: Width of a cell in view steps, >= 0; 1 integrates over the aperture, 0 sums over points.
-
-        Returns:
-            Stacks in the order of the slopes, [..., N, C, H, W].
-
-        Raises:
-            InputError: Slopes, weights or a fill that cannot be used.
-        """
+        """Photographs at slopes [N] through an aperture of cells of weights [V, U], `fill` view steps wide: stacks."""
         planes = geometry.checked_slopes(slopes, self.grid, self.frame.size)
-        aperture, width = batches.checked_weights(weights, self.grid), layer_mixing.checked_fill(fill)
+        aperture = batches.checked_weights(weights, self.grid)
         distances, period = planes[:, None] - self.energies.disparities, self.frame.period
         points = layer_mixing.aperture_response(distances, aperture, period)
-        response = points.times(layer_mixing.cell_response(distances, width, period))
+        response = points.times(layer_mixing.cell_response(distances, fill, period))
         flat = self.spectra.reshape(-1, *self.spectra.shape[-4:])
         stack = self.frame.pictures(layer_mixing.multiply(flat, response))
         return stack.reshape(*self.spectra.shape[:-4], *stack.shape[1:])
 
     def view(self, v: float, u: float) -> Tensor:
-        """The picture from one viewpoint, with less noise; also between the views, or some way beyond them.
-
-        Args:
-            v: Row of the view, the first one 0; any number.
-            u: Column of the view, the first one 0; any number.
-
-        Returns:
-            Pictures, [..., C, H, W].
-        """
+        """Pictures [..., C, H, W] from row v and column u of the views, between them, or some way beyond them."""
         above, left = ((n_views - 1) / 2 - position for n_views, position in zip(self.grid, (v, u), strict=True))
         disparities, (height, width) = self.energies.disparities, self.frame.period
         rows = shift_phases(frequencies(height), disparities * above).to(self.spectra)
@@ -337,7 +300,7 @@ def refocus_by_layers(
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
-    width = layer_mixing.checked_fill(fill)
+    width = footprint.checked(fill, 0.0, views).fill
     stacks = []
     for field in batch:  # each has its own layers
         radiance = batches.radiance(field)
@@ -352,8 +315,7 @@ def refocus_by_layers(
 def bounded_by_views(stack: Tensor, field: Tensor, planes: Tensor, energies: Energies, aperture: Tensor) -> Tensor:
     """A stack [N, C, H, W] of layers; where they confuse light, no farther from the sum of the views than views differ.
 
-    Where all views agree, every point of the aperture would show the same, and the sum is the picture. Pixels that some
-    view does not see stay as they are.
+    Pixels that some view does not see stay as they are.
     """
     reach = float(energies.disparities[-1] - energies.disparities[0])
     if reach <= CONFUSABLE:

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
+from lfref.refocus.sampling import BORDERS
 
 
 def half_frequencies(length: int) -> Tensor:
@@ -28,28 +29,13 @@ def frequencies(length: int) -> Tensor:
 
 
 def shift_phases(frequencies: Tensor, shifts: Tensor) -> Tensor:
-    """Factors that turn the spectrum of f(x) into that of f(x + shift).
-
-    Args:
-        frequencies: In cycles per sample, float64, [K].
-        shifts: In samples, float64, [...].
-
-    Returns:
-        exp(2 pi i shift k), real at the Nyquist bin, complex128, [..., K].
-    """
+    """Factors exp(2 pi i shift k), [..., K], from the spectrum of f(x) to that of f(x + shift); real at Nyquist."""
     angle = 2 * torch.pi * shifts[..., None] * frequencies
     return real_at_nyquist(torch.polar(torch.ones_like(angle), angle), frequencies)
 
 
 def real_at_nyquist(factors: Tensor, frequencies: Tensor) -> Tensor:
-    """Factors by which the spectrum of a real signal may be multiplied: at the Nyquist frequency they become real.
-
-    Both signs of that frequency share one bin, which gets the mean of their factors.
-
-    Args:
-        factors: Complex, conjugate at the negative frequency, [..., K].
-        frequencies: In cycles per sample, [K].
-    """
+    """Factors [..., K] at frequencies [K], real at the Nyquist frequency, whose bin gets the mean of both its signs."""
     return torch.complex(factors.real, torch.where(frequencies.abs() == 0.5, 0.0, factors.imag))
 
 
@@ -97,7 +83,9 @@ def exact_fourier(
     columns = shift_phases(kx, planes[:, None, None] * cameras.columns) * cell.responses(planes, kx)[:, None]
     views_of_lines = batch.reshape(len(batch), *cameras.shape, *batch.shape[3:])
     stack = filter_and_sum(views_of_lines, rows, columns, aperture.reshape(cameras.shape))
-    return batches.restored(footprint.periodic(stack, cell, planes), views)
+    if cell.fill > 0 and cell.varies:  # a constant blur is part of the spectrum
+        stack = footprint.blurred(stack, cell.widths(planes), BORDERS["wrap"])
+    return batches.restored(stack, views)
 
 
 def filter_and_sum(
@@ -105,19 +93,9 @@ def filter_and_sum(
 ) -> Tensor:
     """Sum of the filtered views, `I^(k) = sum_v R[v](ky) sum_u C[u](kx) w_uv L^[v, u](k)`, for every plane.
 
-    What the factors R and C are is the operator's: exact phase ramps, or what a slice of the 4-D spectrum reads. Since
-    they are separable, each plane takes a pass over the views of a row, then one over rows.
-
-    Args:
-        views: Light fields, [B, V, U, C, H, W], taken as periodic.
-        rows: Factors of the view rows at the frequencies of `fft`, complex, [N, V, H].
-        columns: Factors of the view columns at the frequencies of `rfft`, complex, [N, U, W // 2 + 1], or of the views
-            of each row, [N, V or 1, U, W // 2 + 1].
-        weights: Factor of each view, [V, U].
-        extend: Turns views [..., H, W] into periods of the size [h, w] that the factors have; None: they are periods.
-
-    Returns:
-        Stacks, float32 or float64, [B, N, C, H, W].
+    Views are [B, V, U, C, H, W], weights [V, U]. `rows` [N, V, H] are at the frequencies of `fft`, `columns`
+    [N, U, W // 2 + 1] at those of `rfft`, or of the views of each row, [N, V or 1, U, W // 2 + 1]. `extend` turns views
+    [..., H, W] into periods of the size that the factors have; None: they are periods. Returns stacks [B, N, C, H, W].
     """
     working = batches.working_dtype(views.dtype)
     dtype = complex_dtype(working)

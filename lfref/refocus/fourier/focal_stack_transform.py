@@ -14,7 +14,7 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import fft_lengths
 from lfref.geometry import Slopes
-from lfref.refocus import batches, footprint
+from lfref.refocus import batches
 from lfref.refocus.fourier import exact
 
 
@@ -24,14 +24,11 @@ def focal_stack_transform(
     first: float = -1.0,
     last: float = 1.0,
     weights: Tensor | None = None,
-    fill: float = 0.0,
-    disparity: float | Tensor = 0.0,
 ) -> Tensor:
     """Refocus light fields at evenly spaced slopes, the views taken as periodic.
 
-    Equals `exact_fourier` at `geometry.even_slopes`, and is faster only for many views and planes: on one core, for
-    3x128x128, never with 7x7 views (1.4 times the time), with 13x13 from some 50 planes, with 17x17 from some 12
-    (0.7 times the time at 64).
+    Equals `exact_fourier` at `geometry.even_slopes`, and is faster only for many views and planes: never with 7x7
+    views, with 13x13 from some 50 planes, with 17x17 from some 12.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
@@ -39,15 +36,13 @@ def focal_stack_transform(
         first: Slope of the first plane, in pixels per view step.
         last: Slope of the last plane, in pixels per view step.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
-        fill: Side of a view's cell in view steps, >= 0, as in `shift_and_sum`.
-        disparity: Of the scene, in pixels per view step, as in `shift_and_sum`.
 
     Returns:
         Stacks from the first slope to the last, type (float32 for integers) and device of the views,
         [..., n_planes, C, H, W].
 
     Raises:
-        InputError: Views, slopes, weights or cells that cannot be used.
+        InputError: Views, slopes or weights that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
@@ -55,15 +50,14 @@ def focal_stack_transform(
         >>> torch.allclose(stack, lfref.exact_fourier(views, lfref.even_planes(9, -2, 2).slopes), atol=1e-5)
         True
     """
-    batch, cell = batches.flattened(views), footprint.checked(fill, disparity, views)
+    batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     slopes = geometry.checked_slopes(geometry.even_slopes(n_planes, first, last), grid, size)
     aperture = batches.checked_weights(weights, grid)
     device, dtype = views.device, exact.complex_dtype(views.dtype)
     ky, kx = exact.frequencies(size[0]), exact.half_frequencies(size[1])
-    rows = exact.shift_phases(ky, slopes[:, None] * geometry.angular_offsets(grid[0])) * cell.responses(slopes, ky)
+    rows = exact.shift_phases(ky, slopes[:, None] * geometry.angular_offsets(grid[0]))
     before, between, after = _chirps(slopes, grid[1], kx)
-    after = after * cell.responses(slopes, kx)[:, :, None]
     rows, before, between, after = (factors.to(device, dtype) for factors in (rows, before, between, after))
     # Spectra of the planes in bands of rows, [B, N, C, h, W // 2 + 1]: the padded sums stay small beside the stack.
     height = 8
@@ -84,21 +78,11 @@ def focal_stack_transform(
         torch.fft.irfft(exact.real_at_nyquist(torch.fft.ifft(plane, dim=-2), kx.to(device)), n=size[1])
         for plane in stack.unbind(1)
     ]
-    return batches.restored(footprint.periodic(torch.stack(planes, dim=1), cell, slopes), views)
+    return batches.restored(torch.stack(planes, dim=1), views)
 
 
-def at_slopes(
-    views: Tensor,
-    slopes: Slopes,
-    weights: Tensor | None = None,
-    fill: float = 0.0,
-    disparity: float | Tensor = 0.0,
-) -> Tensor:
-    """`focal_stack_transform` at slopes [N] that must be evenly spaced, with its other arguments.
-
-    Raises:
-        InputError: Slopes that are not evenly spaced, or what `focal_stack_transform` refuses.
-    """
+def at_slopes(views: Tensor, slopes: Slopes, weights: Tensor | None = None) -> Tensor:
+    """`focal_stack_transform` at slopes [N]; an InputError unless they are evenly spaced."""
     values = torch.as_tensor(slopes, dtype=torch.float64, device="cpu").reshape(-1)
     if len(values) == 0:
         raise InputError("slopes must be at least one", got="an empty list")
@@ -109,7 +93,7 @@ def at_slopes(
             got=f"slopes {[round(slope, 4) for slope in values.tolist()]}",
             remedy="take evenly spaced slopes, or another method",
         )
-    return focal_stack_transform(views, len(values), first, last, weights, fill, disparity)
+    return focal_stack_transform(views, len(values), first, last, weights)
 
 
 def _chirps(slopes: Tensor, n_views: int, kx: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -13,21 +13,16 @@ Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `h w`
 frequencies, `m n` spectra, `T` terms of the matrices, `b c` batch and channel.
 """
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.errors import InputError, chosen
-from lfref.functional import fft_lengths, loops
-from lfref.functional.loops import LANES
-from lfref.refocus import batches
+from lfref.errors import chosen
+from lfref.functional import fft_lengths
 from lfref.refocus.fourier import exact
 
 SPARE = 2
@@ -55,16 +50,7 @@ class Matrices(NamedTuple):
 
 
 def aperture_response(distances: Tensor, aperture: Tensor, size: tuple[int, int]) -> Matrices:
-    """D at each distance: real where opposite views weigh the same, as in most apertures.
-
-    Args:
-        distances: s - d in pixels per view step, float64, [m, n].
-        aperture: Weight of each view, float64, [V, U].
-        size: Height and width (H, W) of the pictures in pixels.
-
-    Returns:
-        Matrices [m, n] at the frequencies of `rfft2`.
-    """
+    """D at each distance s - d [m, n] for pictures of a size (H, W): real where opposite views weigh the same."""
     # The singular value decomposition writes the weights as few products of a row and a column (one for a square),
     # so that D becomes few products of sums over the rows and sums over the columns.
     negligible = 1e-12  # of singular values and factors: float64 cannot tell it from 0
@@ -94,13 +80,6 @@ def cell_response(distances: Tensor, fill: float, size: tuple[int, int]) -> Matr
     return Matrices(*(torch.sinc(fill * distances[..., None, None] * k) for k in frequencies))
 
 
-def checked_fill(fill: float) -> float:
-    """The width of a view's cell in view steps; an InputError unless it is finite and at least 0."""
-    if not (math.isfinite(fill) and fill >= 0):
-        raise InputError("fill must be finite and at least 0, in view steps", got=fill)
-    return float(fill)
-
-
 class Frame(NamedTuple):
     """Where a picture lies in one period of a periodic one: the room around it keeps opposite borders apart."""
 
@@ -127,16 +106,7 @@ class Frame(NamedTuple):
 
 
 def make_frame(border: str, size: tuple[int, int], reach: float) -> Frame:
-    """The frame of pictures.
-
-    Args:
-        border: `edge`: the outermost pixels go on beyond the border; `wrap`: the opposite border follows.
-        size: Height and width (H, W) of the pictures.
-        reach: Largest shift in pixels.
-
-    Raises:
-        InputError: Another border.
-    """
+    """The frame of pictures of a size (H, W), with room for shifts by `reach` pixels where the border is `edge`."""
     room = chosen("border", border, {"edge": int(reach) + SPARE, "wrap": None})
     if room is None:
         return Frame(size, (0, 0), size)
@@ -146,48 +116,19 @@ def make_frame(border: str, size: tuple[int, int], reach: float) -> Frame:
 
 def multiply(spectra: Tensor, matrices: Matrices) -> Tensor:
     """The matrices [m, n] times complex spectra [B, n, C, h, w]: complex, [B, m, C, h, w]."""
-    if _serve_loops(spectra, matrices):
-        return _by_loop(multiply_rows, spectra, matrices)
-    return _by_torch(spectra, matrices, torch.matmul)
+    return _at_all(spectra, matrices, torch.matmul)
 
 
 def solve(spectra: Tensor, matrices: Matrices, diagonal: Tensor) -> Tensor:
-    """Spectra x for which (matrices + diagonal) x are the given ones.
-
-    Args:
-        spectra: Complex, [B, n, C, h, w].
-        matrices: [n, n], Hermitian, and positive definite once the diagonal is added.
-        diagonal: Added to each matrix, float64, [n].
-
-    Returns:
-        Complex, [B, n, C, h, w].
-    """
-    if _serve_loops(spectra, matrices):
-        return _by_loop(solve_rows, spectra, matrices, diagonal.to(spectra.real.dtype).numpy())
+    """Spectra x, [B, n, C, h, w], for which (matrices + diagonal) x are the given ones; sums are positive definite."""
 
     def step(small: Tensor, numbers: Tensor) -> Tensor:
         return torch.cholesky_solve(numbers, torch.linalg.cholesky(small + torch.diag(diagonal).to(small)))
 
-    return _by_torch(spectra, matrices, step)
+    return _at_all(spectra, matrices, step)
 
 
-def _serve_loops(spectra: Tensor, matrices: Matrices) -> bool:
-    return batches.is_compiled(spectra) and not matrices.rows.is_complex()
-
-
-def _by_loop(loop: Callable[..., None], spectra: Tensor, matrices: Matrices, *more: np.ndarray) -> Tensor:
-    # Matrices are real, so complex numbers are pairs along a last axis; columns are padded to whole lanes.
-    pairs = torch.view_as_real(spectra.resolve_conj().contiguous()).numpy()
-    out = np.empty((pairs.shape[0], len(matrices.rows), *pairs.shape[2:]), pairs.dtype)
-    rows = np.ascontiguousarray(matrices.rows.numpy().astype(pairs.dtype))
-    columns = F.pad(matrices.columns, (0, -matrices.columns.shape[-1] % LANES)).numpy().astype(pairs.dtype)
-    n_threads = loops.worthwhile(out.size, 1 << 16)  # numbers from which one more thread pays
-    jobs = ((pairs, rows, columns, *more, *band, out) for band in loops.bands(pairs.shape[3], n_threads))
-    loops.share(loop, jobs, n_threads)
-    return torch.view_as_complex(torch.from_numpy(out))
-
-
-def _by_torch(spectra: Tensor, matrices: Matrices, step: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+def _at_all(spectra: Tensor, matrices: Matrices, step: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
     """A step of matrices [F, m, n] and numbers [F, n, C] at all frequencies, one band of rows after the other."""
     dtype = spectra.dtype if matrices.rows.is_complex() else spectra.real.dtype
     rows, columns = (factors.to(spectra.device, dtype) for factors in matrices)
@@ -203,110 +144,3 @@ def _by_torch(spectra: Tensor, matrices: Matrices, step: Callable[[Tensor, Tenso
             mixed = torch.complex(*step(small, torch.cat([numbers.real, numbers.imag], -1)).chunk(2, -1))
         bands.append(mixed.reshape(*size, -1, batch, channels).permute(3, 2, 4, 0, 1))
     return torch.cat(bands, dim=-2)
-
-
-@loops.compiled
-def multiply_rows(
-    spectra: NDArray, rows: NDArray, columns: NDArray, first: int, last: int, out: NDArray
-) -> None:  # pragma: no cover - compiled
-    """Rows `first` to before `last` of the product: spectra [B, n, C, h, w, 2], rows [m, n, T, h], columns alike."""
-    n_out, n_in, n_terms = rows.shape[:3]
-    width = spectra.shape[4]
-    matrix = np.empty((n_out, n_in, LANES), spectra.dtype)
-    numbers = np.empty((n_in, LANES), spectra.dtype)
-    total = np.empty(LANES, spectra.dtype)
-    for y in range(first, last):
-        for x in range(0, width, LANES):
-            # The matrices of 16 frequencies are formed once and serve all pictures and both parts of their numbers.
-            for i in range(n_out):
-                for j in range(n_in):
-                    _matrix_element(matrix[i, j], rows[i, j, :, y], columns[i, j, :, x : x + LANES], n_terms)
-            for b in range(spectra.shape[0]):
-                for c in range(spectra.shape[2]):
-                    for part in range(2):
-                        # The last lanes of a row may lie beyond it: they keep old numbers, which nobody reads.
-                        for j in range(n_in):
-                            for lane in range(min(LANES, width - x)):
-                                numbers[j, lane] = spectra[b, j, c, y, x + lane, part]
-                        for i in range(n_out):
-                            total[:] = 0
-                            for j in range(n_in):
-                                for lane in range(LANES):
-                                    total[lane] += matrix[i, j, lane] * numbers[j, lane]
-                            for lane in range(min(LANES, width - x)):
-                                out[b, i, c, y, x + lane, part] = total[lane]
-
-
-@loops.compiled
-def solve_rows(
-    spectra: NDArray, rows: NDArray, columns: NDArray, diagonal: NDArray, first: int, last: int, out: NDArray
-) -> None:  # pragma: no cover - compiled
-    """Rows `first` to before `last` of the solution, arguments as of `multiply_rows`, diagonal [n]."""
-    n, n_terms, width = rows.shape[0], rows.shape[2], spectra.shape[4]
-    factor = np.empty((n, n, LANES), spectra.dtype)
-    # Zeros, not empty: padded lanes are solved too, and NaN there would slow the others down.
-    numbers = np.zeros((n, LANES), spectra.dtype)
-    for y in range(first, last):
-        for x in range(0, width, LANES):
-            # Matrices are symmetric: only the lower triangle is formed, then factorised in place.
-            for i in range(n):
-                for j in range(i + 1):
-                    _matrix_element(factor[i, j], rows[i, j, :, y], columns[i, j, :, x : x + LANES], n_terms)
-                factor[i, i] += diagonal[i]
-            _factorise(factor)
-            for b in range(spectra.shape[0]):
-                for c in range(spectra.shape[2]):
-                    for part in range(2):
-                        for i in range(n):
-                            for lane in range(min(LANES, width - x)):
-                                numbers[i, lane] = spectra[b, i, c, y, x + lane, part]
-                        _substitute(factor, numbers)
-                        for i in range(n):
-                            for lane in range(min(LANES, width - x)):
-                                out[b, i, c, y, x + lane, part] = numbers[i, lane]
-
-
-@loops.inlined
-def _matrix_element(
-    element: NDArray, rows: NDArray, columns: NDArray, n_terms: int
-) -> None:  # pragma: no cover - compiled
-    """The sum of the terms of one element, for the matrices of `LANES` frequencies at once."""
-    for lane in range(LANES):
-        element[lane] = rows[0] * columns[0, lane]
-    for t in range(1, n_terms):
-        for lane in range(LANES):
-            element[lane] += rows[t] * columns[t, lane]
-
-
-@loops.inlined
-def _factorise(factor: NDArray) -> None:  # pragma: no cover - compiled
-    """Lower triangles [n, n, LANES] to Cholesky factors; the diagonal becomes its reciprocal, ready to multiply."""
-    n = factor.shape[0]
-    for j in range(n):
-        for i in range(j, n):
-            for k in range(j):
-                for lane in range(LANES):
-                    factor[i, j, lane] -= factor[i, k, lane] * factor[j, k, lane]
-        for lane in range(LANES):
-            factor[j, j, lane] = 1 / np.sqrt(factor[j, j, lane])
-        for i in range(j + 1, n):
-            for lane in range(LANES):
-                factor[i, j, lane] *= factor[j, j, lane]
-
-
-@loops.inlined
-def _substitute(factor: NDArray, numbers: NDArray) -> None:  # pragma: no cover - compiled
-    """Numbers [n, LANES] to the solution: forward through the factor, then backward through its transpose."""
-    n = factor.shape[0]
-    for i in range(n):
-        for k in range(i):
-            for lane in range(LANES):
-                numbers[i, lane] -= factor[i, k, lane] * numbers[k, lane]
-        for lane in range(LANES):
-            numbers[i, lane] *= factor[i, i, lane]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            for lane in range(LANES):
-                numbers[i, lane] -= factor[k, i, lane] * numbers[k, lane]
-        for lane in range(LANES):
-            numbers[i, lane] *= factor[i, i, lane]

@@ -23,7 +23,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError, chosen
 from lfref.geometry import Slopes
-from lfref.refocus import batches, footprint
+from lfref.refocus import batches
 from lfref.refocus.fourier import exact
 
 
@@ -72,8 +72,6 @@ def fourier_slice(
     width: int = 4,
     padding: float = 2,
     weights: Tensor | None = None,
-    fill: float = 0.0,
-    disparity: float | Tensor = 0.0,
 ) -> Tensor:
     """Refocus light fields by slicing their 4-D spectrum, the views taken as periodic.
 
@@ -84,14 +82,12 @@ def fourier_slice(
         width: Angular bins that the kernel spans (`linear` always spans 2).
         padding: Padded over original number of views along each angular axis, >= 1.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
-        fill: Side of a view's cell in view steps, >= 0, as in `shift_and_sum`.
-        disparity: Of the scene, in pixels per view step, as in `shift_and_sum`.
 
     Returns:
         Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
 
     Raises:
-        InputError: Views, slopes, weights, cells, kernel or padding that cannot be used.
+        InputError: Views, slopes, weights, kernel or padding that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
@@ -103,16 +99,15 @@ def fourier_slice(
         raise InputError("padding must be finite and at least 1", got=padding)
     batch, kernel_of = batches.flattened(views), chosen("kernel", kernel, KERNELS)
     grid, size = batches.grid_and_size(batch)
-    planes, cell = geometry.checked_slopes(slopes, grid, size), footprint.checked(fill, disparity, views)
+    planes = geometry.checked_slopes(slopes, grid, size)
     padded = [math.ceil(padding * n_views) for n_views in grid]
     readers = [kernel_of(width, m / n_views) for n_views, m in zip(grid, padded, strict=True)]
     axes = zip(grid, padded, readers, (exact.frequencies(size[0]), exact.half_frequencies(size[1])), strict=True)
     rows, columns = (
-        exact.real_at_nyquist(_read(planes[:, None] * k, n_views, m, reader), k) * cell.responses(planes, k)
-        for n_views, m, reader, k in axes
+        exact.real_at_nyquist(_read(planes[:, None] * k, n_views, m, reader), k) for n_views, m, reader, k in axes
     )
     stack = exact.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid))
-    return batches.restored(footprint.periodic(stack, cell, planes), views)
+    return batches.restored(stack, views)
 
 
 def _read(crossing: Tensor, n_views: int, padded: int, kernel: Kernel) -> Tensor:

@@ -11,29 +11,24 @@ frequency k of the views meet r x r frequencies q = k + m of the fine picture F,
 
 Least squares over the views are a small system for every k, (D* G D + P) F^ / r^2 = D* E: E(q) is what exact Fourier
 refocusing finds at q, the Gram matrix G depends only on how far two q lie apart, and P(q) = RIDGE (S(q0) / S(q) - 1) is
-the penalty. S is the power of natural pictures, as in `wiener_filters`; q0 is the lowest q, which one view alone
+the penalty. S is the power of natural pictures, as in `axis_filters`; q0 is the lowest q, which one view alone
 determines: it is free.
 
-From top to bottom: the two operators; the regression (`pictures`, `_solved`); the plane on the finer grid, and views
-predicted by a picture; errors; transforms along one axis.
 Letters: `i` view, `v u` its row and column, `k` frequency in cycles per pixel of the views, `q` one of the fine
 picture, `r` factor, `s` slope, `K` rows of frequencies at a time.
 Source: Ur, Gross, "Improved resolution from subpixel shifted pictures", 1992 (folded frequencies as unknowns).
 """
-
-from collections.abc import Iterator
 
 import torch
 from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.errors import InputError
 from lfref.geometry import Slopes
 from lfref.refocus import batches
+from lfref.refocus.axis_filters import DECAY, OUTER
 from lfref.refocus.fourier import exact
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.wiener_filters import DECAY, OUTER
 
 RIDGE = 0.03
 """Penalty of a frequency as strong as the lowest, as a share of the views' whole weight: for light out of focus, which
@@ -63,13 +58,12 @@ def super_resolve(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tenso
         x = (X + 1/2) / r - 1/2, [..., N, C, r H, r W].
 
     Raises:
-        InputError: Views, slopes, factor or weights that cannot be used.
+        InputError: Views, slopes or weights that cannot be used.
 
     Example:
         >>> lfref.super_resolve(torch.rand(5, 5, 3, 48, 64), [0.3], factor=2).shape
         torch.Size([1, 3, 96, 128])
     """
-    check_factor(factor)
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
@@ -81,64 +75,26 @@ def super_resolve(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tenso
     brightest = grey.detach().abs().amax((1, 2, 3, 4)).clamp(min=torch.finfo(grey.dtype).tiny)[:, None, None]
     grey = grey / brightest[..., None, None]
     stack = band_limited(exact_fourier(batch, planes, aperture), factor)
-    finer, blends = pictures(batch, planes, factor, aperture), []
-    for slope, plane, fine in zip(planes.tolist(), stack.unbind(1), finer, strict=True):
+    blends = []
+    for slope, plane in zip(planes.tolist(), stack.unbind(1), strict=True):
+        fine = in_focus(batch, slope, factor, aperture)
         of_fine, of_plane = (_errors(grey, each.mean(1) / brightest, slope, aperture, factor) for each in (fine, plane))
         share = ((UNSURE - of_fine / of_plane) / (UNSURE - SURE)).clamp(0, 1)
         blends.append(torch.lerp(plane, fine, F.interpolate(share, scale_factor=factor, mode="bilinear")))
     return batches.restored(torch.stack(blends, 1), views)
 
 
-def in_focus(views: Tensor, slopes: Slopes, factor: int = 2, weights: Tensor | None = None) -> Tensor:
-    """The finer picture at each slope as if all the scene lay there; linear, the views taken as periodic.
-
-    Args:
-        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
-        slopes: Focus in pixels per view step, [N].
-        factor: Fine pixels per pixel along each axis, r, >= 1.
-        weights: How much each view counts, >= 0, [V, U]; None counts all alike.
-
-    Returns:
-        Stacks in the order of the slopes, type (float32 for integers) and device of the views, fine pixel X at
-        x = (X + 1/2) / r - 1/2 [..., N, C, r H, r W]. What is out of focus has false detail.
-
-    Raises:
-        InputError: Views, slopes, factor or weights that cannot be used.
-    """
-    check_factor(factor)
-    batch = batches.flattened(views)
-    grid, size = batches.grid_and_size(batch)
-    planes = geometry.checked_slopes(slopes, grid, size)
-    stack = list(pictures(batch, planes, factor, batches.checked_weights(weights, grid)))
-    return batches.restored(torch.stack(stack, 1), views)
-
-
-def check_factor(factor: int) -> None:
-    """Raise an InputError unless the factor is a whole number of fine pixels."""
-    if not (isinstance(factor, int) and factor >= 1):
-        raise InputError("factor must be a whole number of at least 1", got=repr(factor))
-
-
-def pictures(views: Tensor, slopes: Tensor, factor: int, aperture: Tensor) -> Iterator[Tensor]:
-    """The fine picture [B, C, r H, r W] of each slope, of views [B, V, U, C, H, W] weighed by an aperture of sum 1."""
-    views, size = batches.without_unread(views, aperture), views.shape[-2:]
-    planes = slopes.tolist()
-    phases = [
-        [_phases(length, factor, n, slope) for length, n in zip(size, aperture.shape, strict=True)] for slope in planes
-    ]
-    # E of every plane, [B, C, r, H, r, W].
-    dtype = exact.complex_dtype(batches.working_dtype(views.dtype))
-    shape = (views.shape[0], views.shape[3], factor, size[0], factor, size[1])
-    sums = [torch.zeros(shape, dtype=dtype, device=views.device) for _ in planes]
-    for v, view_row in enumerate(views.unbind(1)):
-        # One view row at a time: its spectra are all that is held beside the sums.
-        spectra = torch.fft.fft2(batches.radiance(view_row))
-        for n, (down, across) in enumerate(phases):
-            columns = (across * aperture[v, :, None, None]).to(spectra)
-            total = torch.einsum("buchw,urw->bchrw", spectra, columns)
-            sums[n] = sums[n] + total[:, :, None] * down[v].to(spectra)[:, :, None, None]
-    for slope in planes:
-        yield _picture(_solved(sums.pop(0), slope, factor, aperture))
+def in_focus(views: Tensor, slope: float, factor: int, aperture: Tensor) -> Tensor:
+    """The fine picture [B, C, r H, r W] of views [B, V, U, C, H, W] weighed by an aperture of sum 1: linear in them."""
+    down, across = (
+        _phases(length, factor, n, slope) for length, n in zip(views.shape[-2:], aperture.shape, strict=True)
+    )
+    sums = torch.zeros((), dtype=exact.complex_dtype(views.dtype), device=views.device)  # E, [B, C, r, H, r, W]
+    for row, row_phases, weights in zip(views.unbind(1), down, aperture, strict=True):
+        spectra = torch.fft.fft2(batches.radiance(row))
+        total = torch.einsum("buchw,urw->bchrw", spectra, (across * weights[:, None, None]).to(spectra))
+        sums = sums + total[:, :, None] * row_phases.to(spectra)[:, :, None, None]
+    return _picture(_solved(sums, slope, factor, aperture))
 
 
 def _solved(sums: Tensor, slope: float, factor: int, aperture: Tensor) -> Tensor:
@@ -194,10 +150,7 @@ def predicted_views(fine: Tensor, slope: float, factor: int, grid: tuple[int, in
 
 
 def _errors(views: Tensor, picture: Tensor, slope: float, aperture: Tensor, factor: int) -> Tensor:
-    """Mean squared error [B, 1, H, W] of a picture [B, r H, r W] that predicts views, around each of its pixels.
-
-    Views [B, V, U, H, W] and picture are grey, the brightest pixel of the views 1; the aperture [V, U] is of sum 1.
-    """
+    """Mean squared error [B, 1, H, W] around each pixel of a picture that predicts grey views [B, V, U, H, W]."""
     grid = (views.shape[1], views.shape[2])
     squares = (views - predicted_views(picture, slope, factor, grid)).square() * aperture.to(views)[:, :, None, None]
     down, across = ((-slope * geometry.angular_offsets(n)).round().long().tolist() for n in grid)

@@ -73,7 +73,7 @@ def shift_and_sum(
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, cell = batches.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
-    widths = None if cell.varies(planes) else cell.widths(planes).abs().tolist()
+    widths = None if cell.varies else cell.widths(planes).abs().tolist()
     plan = shift_plan.plan(planes, grid, size, interpolation, border, weights, widths, positions)
     stack = planned_stack(batch, plan)
     if widths is None and cell.fill > 0:
@@ -92,16 +92,7 @@ def coverage(
 ) -> Tensor:
     """Share of the aperture that has a sample at each pixel of each plane, in [0, 1], float64, CPU, [N, H, W].
 
-    Args:
-        slopes: Focus in pixels per view step, [N].
-        grid: Number of view rows and columns (V, U).
-        size: Height and width (H, W) of a view in pixels.
-        interpolation: As in `shift_and_sum`, as are `weights` and `positions`.
-        weights: Synthetic aperture.
-        positions: Of the cameras.
-
-    Raises:
-        InputError: Slopes, weights, positions or names that cannot be used.
+    Views are of a grid (V, U) and a size (H, W); other arguments are as in `shift_and_sum`.
     """
     planes = batches.checked_slopes(slopes, grid, size, positions)
     plan = shift_plan.plan(planes, grid, size, interpolation, weights=weights, positions=positions)
@@ -136,16 +127,9 @@ BEYOND = 1.5
 
 @torch.no_grad()
 def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> DisparityRange:
-    """Estimate the disparities of one light field in a small part of the time that refocusing takes.
+    """Estimate the disparities of one light field [V, U, C, H, W]; all 0 where nothing is known, as in flat views.
 
-    Args:
-        views: Floating point, uint8 or uint16, [V, U, C, H, W].
-        weights: Weight of each view; views of weight 0 are not read, [V, U]; None reads all.
-        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
-
-    Returns:
-        The range, weighted by the energy of gradients: one part in 25 is below it, one above. All is 0 where nothing
-        is known (flat views, a single view, samples that are not finite).
+    The range is weighted by the energy of gradients: one part in 25 is below it, one above.
     """
     lines, factor = _reduced_lines(views, weights, positions)
     searched = scene_range(views, weights, positions) if _move_far(lines) else None
@@ -157,10 +141,7 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
 
 @torch.no_grad()
 def wide_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> DisparityRange | None:
-    """The `scene_range` of views that move by some pixels per view step; None where they do not.
-
-    It takes the arguments of `disparity_range`, and a small part of the time of `scene_range` where views move little.
-    """
+    """The `scene_range` of views that move by some pixels per view step; None, found faster, where they do not."""
     return scene_range(views, weights, positions) if _move_far(_reduced_lines(views, weights, positions)[0]) else None
 
 
@@ -197,12 +178,9 @@ def middlemost(counts: Tensor) -> int:
 
 
 def _range_of_lines(lines: Sequence[tuple[Tensor, Tensor]], factor: int, window: int) -> DisparityRange:
-    """Range of disparities of lines of views in pixels of these views, all 0 where they are flat.
+    """Range of disparities of lines of views, pictures [n, h, w] and cameras (v, u) [n, 2]; all 0 where they are flat.
 
-    Args:
-        lines: Pictures [n, h, w] and camera positions (v, u) [n, 2] of each line.
-        factor: By which the pictures are reduced first.
-        window: Side of the window that shares one disparity, in reduced pixels.
+    They are reduced by a factor first; a square of `window` reduced pixels shares one disparity.
     """
     moments = sum((_moments(F.avg_pool2d(light[None], factor)[0], steps) for light, steps in lines), torch.zeros(()))
     flat = 1e-12  # energy of the gradients of flat views: rounding of float32

@@ -126,16 +126,7 @@ class RowBuffers(NamedTuple):
 
 
 def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
-    """The sums of the shifted views, over the weight of those that count, and blurred as planned.
-
-    Args:
-        views: Light fields on the CPU, floating point (half types are copied to float32), uint8 or uint16, any
-            strides, [B, V, U, C, H, W].
-        plan: What is to be summed, by an interpolation of few taps.
-
-    Returns:
-        Stacks, float32 (float64 for such views), [B, N, C, H, W].
-    """
+    """The sums [B, N, C, H, W] of shifted views [B, V, U, C, H, W], over the weight of those that count."""
     samples = (views if views.dtype in batches.FULL_SCALE else batches.radiance(views)).detach().numpy()
     working = np.dtype(np.float64 if views.dtype == torch.float64 else np.float32)
     tables = _tables(plan, working, batches.FULL_SCALE.get(views.dtype, 1))

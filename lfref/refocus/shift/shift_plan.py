@@ -42,11 +42,6 @@ class Plan(NamedTuple):
     border: Border
 
     @property
-    def blurs(self) -> bool:
-        """Whether any plane is blurred by a box."""
-        return any(shifts.width > 0 for shifts in self.planes)
-
-    @property
     def is_separable(self) -> bool:
         """Whether all lines have their views at the same columns."""
         return all(len(shifts.columns) == 1 for shifts in self.planes)

@@ -7,10 +7,9 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.functional import neighbours, splines
+from lfref.functional import splines
 from lfref.refocus.disparity import cost_volume
 from lfref.refocus.disparity.cost_volume import grey_views
-from tests.refocus.conftest import shifted_views, texture
 
 
 def of(views):
@@ -73,42 +72,6 @@ def test_detail_keeps_fine_texture_and_little_of_shading_and_steps():
         kept.append((detail[8:-8].max() - detail[8:-8].min()) / float(light[8:-8].max() - light[8:-8].min()))
     assert kept[0] > 0.85
     np.testing.assert_allclose(kept[1:], 1 - cost_volume.SHADING, rtol=0.05)
-
-
-def test_detail_of_noisy_views_is_the_picture_itself():
-    views = 0.5 + 0.2 * texture(1, 48, 48).float().expand(5, 5, 1, 48, 48) + 0.3 * torch.randn(5, 5, 1, 48, 48)
-    light, detail = of(views), cost_volume.details(of(views), torch.zeros(1))
-    root = np.sqrt(light.samples.clip(min=0))
-    assert np.abs(detail.samples - root).mean() < 0.03 * root.std()
-
-
-@pytest.mark.parametrize("deviation", [0.003, 0.02])
-def test_noise_is_measured_but_for_what_interpolation_averages_out(deviation):
-    views = shifted_views(neighbours.smoothed(texture(1, 64, 72), 1.5), 0.3, (5, 5)).float()
-    noisy = views + deviation * torch.randn(views.shape, generator=torch.Generator().manual_seed(2))
-    noise = cost_volume.noise(of(noisy), torch.linspace(-0.5, 0.5, 21))
-    assert 0.6 * deviation < noise < 1.1 * deviation
-
-
-def test_the_spread_is_twice_the_noise_that_of_8_bits_and_the_error_of_slopes():
-    ramp = 0.02 * torch.arange(20.0) + 0.01 * torch.arange(18.0)[:, None]
-    torch.testing.assert_close(cost_volume.steepness(ramp), torch.full((18, 20), 5e-4), atol=1e-7, rtol=0)
-    spread = cost_volume.spread(of(ramp.expand(3, 3, 1, 18, 20)), 0.003)
-    torch.testing.assert_close(spread, torch.full((18, 20), 2 * 0.003**2 + 6e-4**2 + 0.05**2 * 5e-4), rtol=1e-4, atol=0)
-
-
-@pytest.mark.parametrize(("grid", "n_middle"), [((3, 5), 1), ((2, 3), 2), ((4, 4), 4)])
-def test_the_middle_is_one_view_or_those_around_it(grid, n_middle):
-    light = of(torch.rand(*grid, 3, 6, 7))
-    assert len(light.middle) == n_middle
-    assert abs(light.positions[light.middle].mean(0)).max() == 0
-
-
-def test_colours_are_averaged_and_integers_scaled():
-    views = torch.randint(0, 255, (3, 3, 3, 5, 6), dtype=torch.uint8)
-    light = of(views)
-    torch.testing.assert_close(torch.from_numpy(light.samples), (views.float() / 255).mean(2).flatten(0, 1))
-    torch.testing.assert_close(light.central, (views[1, 1].float() / 255).mean(0))
 
 
 def test_views_of_weight_0_are_not_read_and_others_must_be_finite():

@@ -31,13 +31,6 @@ def test_a_path_costs_what_the_cheapest_of_all_paths_costs(direction):
     np.testing.assert_allclose(costs_here - costs_here.min(), cheapest - cheapest.min(), atol=1e-5)
 
 
-def test_pixels_without_texture_take_the_label_around_them():
-    costs = torch.full((5, 20, 24), 0.5)
-    costs[2] = 0.1
-    costs[:, 8:12, 9:15] = 0.3  # no label is better here
-    assert bool((matching.aggregate(costs, torch.full((20, 24), 0.4)).argmin(0) == 2).all())
-
-
 def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
     costs = torch.full((7, 24, 24), 0.6)
     costs[1, :, :12], costs[5, :, 12:] = 0.1, 0.1
@@ -46,18 +39,6 @@ def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
     best = matching.aggregate(costs, picture).argmin(0)
     assert bool((best[:, :12] == 1).all())
     assert bool((best[:, 12:] == 5).all())
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 6), (5, 1)])
-def test_pictures_of_a_row_or_a_pixel_are_no_error(size):
-    assert matching.aggregate(torch.rand(3, *size), torch.rand(size)).shape == (3, *size)
-
-
-@pytest.mark.parametrize(("first", "last"), [(-1.0, 1.0), (0.0, 0.25), (-0.3, -0.3)])
-def test_slopes_reach_from_end_to_end_in_even_steps(first, last):
-    slopes = matching.slopes_between(first, last)
-    assert (float(slopes[0]), float(slopes[-1])) == pytest.approx((first, last))
-    assert bool((slopes.diff() <= matching.STEP + 1e-9).all())
 
 
 def plane(disparity, grid=(5, 5)):
@@ -83,23 +64,6 @@ def test_a_plane_comes_back_to_thousandths_borders_included(disparity, off):
     error = (refined(plane(disparity), torch.full((48, 56), disparity + off)) - disparity).abs()
     assert float(error.median()) < 2e-3
     assert float(error.quantile(0.98)) < 0.03
-
-
-def test_views_that_a_surface_hides_do_not_pull():
-    views = plane(0.3, (7, 7))
-    views[:, 5:] = 0.9
-    error = (refined(views, torch.full((48, 56), 0.34)) - 0.3).abs()
-    assert float(error.median()) < 2e-3
-
-
-def test_flat_views_keep_their_disparity():
-    known = torch.full((20, 22), 0.4)
-    torch.testing.assert_close(refined(torch.full((3, 3, 1, 20, 22), 0.5), known), known, atol=1e-5, rtol=0)
-
-
-def test_nothing_leaves_the_range():
-    light = grey_views(plane(0.5), torch.ones(5, 5))
-    assert float(matching.refine(light, torch.full((48, 56), 0.45), 1e-3, 0.4, 0.46).max()) <= 0.46 + 1e-6
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.06])
@@ -135,13 +99,3 @@ def test_enough_rounds_solve_the_equations(size, monkeypatch):
     monkeypatch.setattr(matching, "ROUNDS", 2000)
     maps = torch.rand(4, *size, dtype=torch.float64)
     torch.testing.assert_close(matching.relax(*maps), dense(*maps), atol=1e-6, rtol=0)
-
-
-def test_edges_fill_what_is_between_and_nothing_passes_without_ties():
-    target, trust, ties = torch.rand(20, 20), torch.zeros(20, 20), torch.full((20, 20), 1.0)
-    target[:, 0] = target[:, -1] = target[0] = target[-1] = 0.7
-    trust[:, 0] = trust[:, -1] = trust[0] = trust[-1] = 1e6
-    before = (target - 0.7).abs().mean()
-    assert float((matching.relax(target, trust, ties, ties) - 0.7).abs().mean()) < 0.3 * before
-    none = torch.zeros(20, 20)
-    torch.testing.assert_close(matching.relax(target, none, none, none), target.double())

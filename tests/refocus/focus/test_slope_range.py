@@ -1,7 +1,5 @@
 """Slope ranges: reduced views, the fit of a library, coarse disparity of planes, ranges of scenes."""
 
-import dataclasses
-
 import pytest
 import torch
 from torch.nn import functional as F
@@ -10,13 +8,11 @@ from lfref.refocus.focus import slope_range as module
 from lfref.refocus.focus.slope_range import (
     CoarseDisparity,
     disparity_of_reduced,
-    on_surfaces,
     reduce_views,
     scene_range,
     slope_range,
 )
 from lfref.simulator import sim30
-from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import layered_views, shifted_views, texture
 
@@ -50,20 +46,6 @@ def test_views_lie_on_a_cross_through_the_centre(grid, reference, count):
         assert sorted(reduced.along(axis).indices) == expected
 
 
-def test_where_the_cross_is_missing_diagonals_are_read():
-    weight = torch.eye(5)[:, :, None, None, None].expand(5, 5, 1, 96, 120)
-    assert set(reduce_views(plane(0.5) * weight, weight).indices) == {(k, k) for k in range(5)}
-    assert error(coarse(plane(0.5) * weight, weight), 0.5) < 0.03
-
-
-def test_pictures_are_roots_of_mean_light():
-    views = torch.rand(3, 3, 3, 200, 300, dtype=torch.float64)
-    reduced = reduce_views(views, pixels=600)
-    assert reduced.factor == 10
-    block = views[1, 1, :, 30:40, 50:60].mean()
-    assert float(reduced.pictures[0, 3, 5]) == pytest.approx(float(block.sqrt()), rel=1e-5)
-
-
 def test_smooth_gains_are_taken_out_and_parallax_is_left():
     views = shifted_views(texture(1, 96, 120), 0.5, (5, 5)) + 0.2
     gain = 1 - 0.3 * torch.linspace(-1, 1, 120).square() * torch.arange(-2, 3)[:, None, None, None].square() / 4
@@ -73,16 +55,6 @@ def test_smooth_gains_are_taken_out_and_parallax_is_left():
     grey = views.mean(2).float().clamp(min=0).sqrt()
     for picture, (v, u) in zip(plain.pictures, plain.indices, strict=True):
         torch.testing.assert_close(picture, grey[v, u], rtol=1e-5, atol=1e-6)
-
-
-def test_black_corners_are_not_trusted_and_what_is_dark_inside_is():
-    views = torch.full((5, 5, 1, 60, 80), 0.5)
-    y, x = torch.meshgrid(torch.arange(60.0) - 29.5, torch.arange(80.0) - 39.5, indexing="ij")
-    views[..., (y.square() + x.square()).sqrt() > 42] = 0
-    views[..., 25:35, 35:45] = 0
-    weights = reduce_views(views).weights
-    assert weights[:, 0, 0].sum() == weights[:, -1, -1].sum() == 0
-    assert bool((weights[:, 20:40, 30:50] == 1).all())
 
 
 STEPS = torch.tensor([[0.0, 0.0], [0.0, -1.0], [0.0, 1.0], [-1.0, 0.0], [2.0, 1.0]], dtype=torch.float64)
@@ -119,12 +91,6 @@ def test_the_fit_is_that_of_a_library(slope, monkeypatch):
     assert float(fit.unexplained[12, 12]) == pytest.approx(float(left), rel=1e-3)
 
 
-def test_beyond_the_border_there_is_nothing_to_fit():
-    fit = fit_at(torch.rand(5, 24, 24), 2.0)
-    assert float(fit.freedom[12, 12]) == pytest.approx(4 * (1 + module.SKIRT))
-    assert fit.freedom[12, -1] < fit.freedom[12, 12]
-
-
 @pytest.mark.parametrize("disparity", [-3.4, -0.3, 0.0, 0.55])
 def test_a_plane_comes_back_with_confidence(disparity):
     found = coarse(plane(disparity))
@@ -132,47 +98,9 @@ def test_a_plane_comes_back_with_confidence(disparity):
     assert float((found.confidence > 0.5).float().mean()) > 0.9
 
 
-def test_a_plane_is_found_as_long_as_views_overlap():
-    views = {disparity: shifted_views(texture(1, 96, 120), disparity, (3, 3)) for disparity in (15.0, 24.0)}
-    near, nearest = (coarse(each[..., 24:71, 30:90]) for each in views.values())
-    assert error(near, 15.0) < 0.1
-    assert slope_range(near) is not None
-    assert not bool((nearest.confidence > 0.5).any())
-
-
 @pytest.mark.parametrize("grid", [(1, 7), (7, 1), (2, 2), (14, 14)])
 def test_grids_of_all_kinds_will_do(grid):
     assert error(coarse(plane(0.7, grid)), 0.7) < 0.03
-
-
-def test_two_planes_meet_at_an_edge():
-    disparity = coarse(torch.where(torch.arange(120) < 60, plane(0.5), plane(-1.0))).disparity
-    assert (disparity[12:-12, 12:50] - 0.5).abs().median() < 0.02
-    assert (disparity[12:-12, 70:-12] + 1.0).abs().median() < 0.02
-
-
-def test_large_views_are_reduced_and_disparities_stay_in_their_pixels():
-    torch.manual_seed(3)
-    views = plane(1.0, (3, 3)).repeat_interleave(4, -1).repeat_interleave(4, -2)
-    found = coarse(views)
-    assert found.factor == 3
-    assert error(found, 4.0) < 0.15
-
-
-def test_noise_widens_the_error_and_lowers_the_confidence():
-    views = plane(0.6)
-    noisy = views + 0.15 * torch.randn_like(views)
-    assert error(coarse(noisy), 0.6) < 0.1
-    assert coarse(noisy).confidence.mean() < coarse(views).confidence.mean()
-
-
-def test_a_hole_and_black_views_are_not_read():
-    views, weight = plane(0.5), torch.ones(5, 5, 1, 96, 120)
-    views[2, 3], weight[2, 3] = torch.nan, 0
-    views[0, 2] = 0
-    assert error(coarse(views, weight), 0.5) < 0.02
-    views[2, 2], weight[2, 2] = torch.nan, 0
-    assert error(coarse(views, weight), 0.5) < 0.02
 
 
 def test_cameras_may_be_spaced_unevenly_and_counted_in_other_units():
@@ -182,32 +110,6 @@ def test_cameras_may_be_spaced_unevenly_and_counted_in_other_units():
     positions = torch.stack([torch.zeros(1, 5, dtype=torch.float64), columns[None]], -1)
     for unit in (1, 20, 0.1):
         assert error(coarse(views, positions=unit * positions), 0.8 / unit) < 0.04 / unit
-
-
-@pytest.mark.parametrize("views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.zeros(3, 3, 1, 40, 50)])
-def test_flat_views_have_disparity_0_and_no_confidence(views):
-    found = coarse(views)
-    assert found.disparity.abs().max() == 0
-    assert found.confidence.max() < 0.01
-
-
-@pytest.mark.parametrize("rubbish", [torch.nan, torch.inf])
-def test_samples_that_are_not_finite_are_passed_over(rubbish):
-    views = plane(0.5)
-    views[2, :, 0, 40:44, 50:54] = rubbish
-    found = coarse(views)
-    assert bool(found.disparity.isfinite().all() and found.confidence.isfinite().all())
-    assert error(found, 0.5) < 0.02
-    assert coarse(torch.full_like(views, rubbish)).confidence.max() == 0
-
-
-@pytest.mark.parametrize("shape", [(1, 1, 3, 40, 50), (5, 5, 3, 1, 64), (5, 5, 3, 64, 1), (5, 5, 1, 2, 2)])
-def test_one_view_and_single_pixels_end_in_a_map(shape):
-    assert bool(coarse(torch.rand(shape)).disparity.isfinite().all())
-
-
-NOT_ON_SURFACES = ("gloss", "apple", "window", "mirror", "lamps", "veil")
-"""Highlights, reflections, what glass and veils let through: at other disparities than those of the surfaces."""
 
 
 def held_against(truth, views):
@@ -226,23 +128,6 @@ def test_the_range_covers_a_scene_and_is_hardly_wider(name):
     assert width < 1.3
 
 
-def test_a_blank_disc_ends_the_range_within_a_twentieth_of_a_pixel():
-    views = simulate(sim30.SCENES["crosstalk"], outputs=["views"]).views
-    low, high = slope_range(disparity_of_reduced(reduce_views(views)))
-    assert low < -0.8
-    assert high == pytest.approx(0.35, abs=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in sim30.SCENES if name not in (*NOT_ON_SURFACES, "crosstalk")])
-def test_of_all_scenes_of_surfaces_with_and_without_their_sensors(name):
-    for scene in (sim30.SCENES[name], dataclasses.replace(sim30.SCENES[name], sensor=Sensor())):
-        simulated = simulate(scene, outputs=["views", "disparity"])
-        covered, width = held_against(simulated.disparity, simulated.views)
-        assert covered > 0.98
-        assert width < 1.3
-
-
 def test_strays_and_unsure_pixels_are_left_out():
     disparity = torch.linspace(-1, 1, 100).expand(100, 100).clone()
     disparity[50, 50] = 30.0
@@ -251,14 +136,6 @@ def test_strays_and_unsure_pixels_are_left_out():
     low, high = slope_range(CoarseDisparity(disparity, confidence, 1, confidence > 0))
     assert low == pytest.approx(-0.5, abs=0.1)
     assert high == pytest.approx(1.0, abs=0.1)
-
-
-def test_a_surface_is_where_neighbours_agree():
-    disparity = torch.zeros(9, 9)
-    disparity[4, 4] = 1.0
-    assert not on_surfaces(CoarseDisparity(disparity, torch.ones(9, 9), 1, torch.ones(9, 9, dtype=torch.bool)))[4, 4]
-    # The same difference is none where pixels are reduced ten times as much.
-    assert on_surfaces(CoarseDisparity(disparity, torch.ones(9, 9), 20, torch.ones(9, 9, dtype=torch.bool)))[4, 4]
 
 
 @pytest.mark.parametrize(
@@ -290,23 +167,6 @@ def test_a_small_surface_counts_for_the_range_to_search():
     assert scene_range(views).high < 10
 
 
-def test_views_of_weight_0_do_not_count_for_the_range_to_search():
-    torch.manual_seed(3)
-    views = shifted_views(texture(1, 96, 96), 4.0, (5, 5)).float()
-    weights = torch.ones(5, 5)
-    weights[1, 2] = weights[2, 4] = 0
-    spoiled = views.clone()
-    spoiled[1, 2] = spoiled[2, 4] = 0.5
-    assert scene_range(spoiled, weights) == scene_range(views, weights)
-
-
-@pytest.mark.parametrize(
-    "views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50), torch.rand(3, 3, 1, 1, 1)]
-)
-def test_where_nothing_moves_there_is_no_range_to_search(views):
-    assert scene_range(views) is None
-
-
 @pytest.mark.parametrize("name", sim30.WIDE)
 def test_the_range_of_a_wide_scene_covers_it_and_is_tight(name):
     simulated = simulate(sim30.WIDE[name], outputs=["views", "disparity"])
@@ -318,16 +178,6 @@ def test_the_range_of_a_wide_scene_covers_it_and_is_tight(name):
     assert found.high > float(simulated.disparity.max())
 
 
-def test_a_small_surface_that_stands_alone_is_no_stray():
-    disparity = torch.linspace(3, 5, 100).expand(100, 100).clone()
-    sure = torch.ones(100, 100)
-    for rows, high in ((1, 5), (5, 9)):  # one row is fewer than its neighbours need, five are a surface
-        disparity[:rows, :20] = 9.0
-        assert slope_range(CoarseDisparity(disparity, sure, 1, sure > 0))[1] == pytest.approx(high, abs=0.3)
-    disparity[:5, :20] = 5.7  # not beyond the others by more than a reduced pixel
-    assert slope_range(CoarseDisparity(disparity, sure, 1, sure > 0))[1] < 5.8
-
-
 def test_sheen_on_a_wall_does_not_move_the_wall():
     # A smooth light that moves as if it lay behind the wall.
     wall = plane(0.5, (7, 7))
@@ -337,21 +187,3 @@ def test_sheen_on_a_wall_does_not_move_the_wall():
     low, high = slope_range(found)
     assert (low, high) == pytest.approx((0.5, 0.5), abs=0.35)
     assert error(found, 0.5) < 0.1
-
-
-def test_too_few_sure_textures_give_no_range():
-    disparity = torch.linspace(-1, 1, 100).expand(100, 100).clone()
-    for share, is_known in ((0.08, False), (0.15, True)):
-        confidence = (torch.arange(100) < 100 * share).float()[:, None].expand(100, 100)
-        textured = torch.ones(100, 100, dtype=torch.bool)
-        assert (slope_range(CoarseDisparity(disparity, confidence, 1, textured)) is not None) == is_known
-        # Only textures count: of a starry sky, most is black.
-        assert slope_range(CoarseDisparity(disparity, confidence, 1, confidence > 0)) is not None
-
-
-def test_what_stands_still_must_be_sure_nearly_everywhere():
-    still, textured = torch.zeros(100, 100), torch.ones(100, 100, dtype=torch.bool)
-    for share, is_known in ((0.6, False), (0.95, True)):
-        confidence = (torch.arange(100) < 100 * share).float()[:, None].expand(100, 100)
-        assert (slope_range(CoarseDisparity(still, confidence, 1, textured)) is not None) == is_known
-        assert slope_range(CoarseDisparity(still + 1, confidence, 1, textured)) is not None

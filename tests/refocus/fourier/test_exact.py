@@ -1,12 +1,8 @@
 """Exact refocusing against interpolation by matrices; its filters against circular convolutions, summed up."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from lfref import geometry
 from lfref.refocus.fourier import exact
@@ -41,22 +37,10 @@ def test_equals_periodic_shift_and_sum_in_float64(height, width, grid):
         torch.testing.assert_close(image, slow_periodic(views, slope), atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES)
-def test_float32_is_within_1e_6(height, width):
-    views = torch.rand(7, 7, 3, height, width, dtype=torch.float64)
-    stack = exact_fourier(views.float(), SLOPES)
-    assert (stack.double() - exact_fourier(views, SLOPES)).abs().max() < 1e-6
-
-
 def test_float32_phases_hold_at_full_size_and_large_slopes():
     views = torch.rand(1, 7, 1, 4, 540, dtype=torch.float64)
     slopes = geometry.slopes([0.125])
     assert (exact_fourier(views.float(), slopes).double() - exact_fourier(views, slopes)).abs().max() < 1e-6
-
-
-def test_a_plane_comes_back_at_its_own_disparity(plane):
-    views, image = plane(0.63)
-    torch.testing.assert_close(exact_fourier(views, [0.63])[0], image, atol=1e-12, rtol=0)
 
 
 def lens(image: torch.Tensor, width: float) -> torch.Tensor:
@@ -77,12 +61,6 @@ def test_cells_of_all_the_aperture_are_the_integral_over_it(plane, fill, dispari
         torch.testing.assert_close(stack, lens(sum_of_points, fill * width), atol=1e-12, rtol=0)
         if fill == 1:
             torch.testing.assert_close(stack, lens(image, 7 * width), atol=1e-12, rtol=0)
-
-
-def test_a_map_of_one_disparity_is_nearly_that_number(plane):
-    views, _ = plane(0.2)
-    mapped = exact_fourier(views, SLOPES, fill=1.0, disparity=torch.full((48, 51), 0.2))
-    torch.testing.assert_close(mapped, exact_fourier(views, SLOPES, fill=1.0, disparity=0.2), atol=2e-3, rtol=0)
 
 
 def slow_filter_and_sum(views, rows, columns, weights):
@@ -111,61 +89,3 @@ def test_equals_the_slow_reference(size, grid):
     stack = exact.filter_and_sum(views, *factors, weights)
     expected = slow_filter_and_sum(views.numpy(), *taps, weights.numpy())
     np.testing.assert_allclose(stack.numpy(), expected, atol=1e-12)
-
-
-def shifted(signal, shift):
-    phases = exact.shift_phases(exact.half_frequencies(len(signal)), torch.tensor(shift, dtype=torch.float64))
-    return torch.fft.irfft(torch.fft.rfft(signal) * phases, n=len(signal))
-
-
-@pytest.mark.parametrize("length", [1, 2, 5, 8, 375, 540])
-def test_frequencies_are_those_of_numpy(length):
-    np.testing.assert_array_equal(exact.frequencies(length), np.fft.fftfreq(length))
-    np.testing.assert_array_equal(exact.half_frequencies(length), np.fft.rfftfreq(length))
-    assert exact.frequencies(length).dtype == exact.half_frequencies(length).dtype == torch.float64
-
-
-@pytest.mark.parametrize("length", [9, 10])
-@pytest.mark.parametrize("shift", [0.0, 0.3, -1.7, 4.0, 123.25])
-def test_a_shifted_cosine_is_the_cosine_read_at_x_plus_shift(length, shift):
-    x = torch.arange(length, dtype=torch.float64)
-    for cycles in range((length + 1) // 2):
-        wave = torch.cos(2 * torch.pi * cycles * x / length + 0.4)
-        expected = torch.cos(2 * torch.pi * cycles * (x + shift) / length + 0.4)
-        torch.testing.assert_close(shifted(wave, shift), expected, atol=1e-12, rtol=0)
-
-
-def test_the_nyquist_bin_is_the_mean_of_both_its_signs():
-    wave = torch.tensor([1.0, -1.0], dtype=torch.float64).repeat(4)
-    for shift in (0.25, 0.5, 1.0):
-        torch.testing.assert_close(shifted(wave, shift), wave * math.cos(math.pi * shift), atol=1e-15, rtol=0)
-    for frequencies in (exact.frequencies(8), exact.half_frequencies(8)):
-        phases = exact.shift_phases(frequencies, torch.tensor([0.3, -2.2], dtype=torch.float64))
-        assert bool((phases.imag[:, 4] == 0).all())
-        assert bool((phases.imag[:, 1:4] != 0).all())
-
-
-@given(shift=st.integers(-20, 20), length=st.integers(1, 24))
-@settings(max_examples=40, deadline=None)
-def test_a_whole_shift_is_a_roll(shift, length):
-    signal = torch.randn(length, dtype=torch.float64)
-    torch.testing.assert_close(shifted(signal, float(shift)), signal.roll(-shift), atol=1e-12, rtol=0)
-
-
-@given(first=st.floats(-9, 9), second=st.floats(-9, 9))
-@settings(max_examples=40, deadline=None)
-def test_shifts_of_an_odd_length_add_up(first, second):
-    signal = torch.randn(11, dtype=torch.float64)
-    torch.testing.assert_close(
-        shifted(shifted(signal, first), second), shifted(signal, first + second), atol=1e-11, rtol=0
-    )
-
-
-def test_the_phase_at_500_pixels_keeps_its_digits():
-    # The sum of the geometric series is known in closed form; float32 phases would be off by 1e-4.
-    frequencies = exact.frequencies(541)
-    phases = exact.shift_phases(frequencies, torch.tensor(500.5, dtype=torch.float64))
-    turns = frequencies.numpy().astype(np.longdouble) * np.longdouble(500.5)
-    turns -= np.rint(turns)
-    expected = np.exp(2j * np.pi * turns.astype(np.float64))
-    np.testing.assert_allclose(phases.numpy(), expected, atol=1e-12)

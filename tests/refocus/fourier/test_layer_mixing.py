@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 
-from lfref.errors import InputError
 from lfref.functional import fft_lengths
 from lfref.refocus import apertures, batches
 from lfref.refocus.fourier import layer_mixing
@@ -58,12 +57,6 @@ def test_points_and_their_cells_are_the_whole_square():
     torch.testing.assert_close(square, expected, atol=1e-6, rtol=0)
 
 
-@pytest.mark.parametrize("fill", [-0.1, math.nan, math.inf])
-def test_cells_without_a_width_are_refused(fill):
-    with pytest.raises(InputError):
-        layer_mixing.checked_fill(fill)
-
-
 SIZE = (7, 21)  # of the spectra: no multiple of the lanes of a compiled loop
 
 
@@ -93,30 +86,6 @@ def test_products_and_solutions_are_those_of_the_matrices_written_out(dtype):
     torch.testing.assert_close(again, numbers, atol=1e-12, rtol=0)
 
 
-def test_compiled_loops_and_pytorch_agree():
-    matrices, numbers, diagonal = definite(5, torch.float64), spectra(5), torch.full((5,), 30.0, dtype=torch.float64)
-    differentiable = numbers.clone().requires_grad_()
-    for step in (layer_mixing.multiply, lambda *arguments: layer_mixing.solve(*arguments, diagonal)):
-        torch.testing.assert_close(step(differentiable, matrices).detach(), step(numbers, matrices), atol=1e-13, rtol=0)
-
-
-def test_any_memory_layout_and_float32():
-    matrices, numbers = definite(3, torch.float64), spectra(3, torch.complex64)
-    turned = numbers.movedim(1, -1).contiguous().movedim(-1, 1)
-    product = layer_mixing.multiply(turned, matrices)
-    assert product.dtype == torch.complex64
-    expected = layer_mixing.multiply(numbers.to(torch.complex128), matrices)
-    torch.testing.assert_close(product.to(expected), expected, atol=1e-5, rtol=1e-5)
-    torch.testing.assert_close(layer_mixing.multiply(numbers.conj(), matrices).conj(), product)
-
-
-def test_products_and_differences_of_matrices_go_element_by_element():
-    first, second = definite(3, torch.float64), definite(3, torch.float64)
-    a, b = at_every_frequency(first), at_every_frequency(second)
-    torch.testing.assert_close(at_every_frequency(first.times(second)), a * b)
-    torch.testing.assert_close(at_every_frequency(first.minus(second)), a - b)
-
-
 @pytest.mark.parametrize("reach", [0.0, 3.2, 40.0])
 def test_edge_frames_have_room_for_the_reach_at_every_side_and_repeat_the_outermost_pixels(reach):
     frame, pictures = layer_mixing.make_frame("edge", (5, 8), reach), torch.rand(2, 3, 5, 8)
@@ -136,8 +105,3 @@ def test_pictures_come_back_from_the_spectra_of_their_periods(border):
     period = frame.extend(pictures)
     assert (period.shape == pictures.shape) == (border == "wrap")
     torch.testing.assert_close(frame.pictures(torch.fft.rfft2(period)), pictures, atol=1e-14, rtol=0)
-
-
-def test_other_borders_are_refused():
-    with pytest.raises(InputError, match="border must be one of edge, wrap"):
-        layer_mixing.make_frame("mirror", (5, 8), 2.0)

@@ -1,13 +1,12 @@
 """Shift-and-sum through cells: points among the scene's disparities, cells beyond, and nearer the truth for it."""
 
 import dataclasses
-import math
 
 import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus import batches, footprint
+from lfref.refocus import batches
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import (
     DisparityRange,
@@ -35,36 +34,6 @@ def test_equals_the_slow_reference(border, interpolation, grid):
         torch.testing.assert_close(image, slow, atol=1e-12, rtol=0)
 
 
-def test_float32_is_within_1e_6_of_the_slow_reference():
-    views = torch.rand(7, 7, 1, 20, 21)
-    slow = slow_shift_and_sum(views.double(), 0.71, "linear", "renormalize", torch.ones(7, 7), batches.even((7, 7)))
-    torch.testing.assert_close(shift_and_sum(views, [0.71])[0].double(), slow, atol=1e-6, rtol=0)
-
-
-def test_slope_0_is_the_plain_mean():
-    views = torch.rand(4, 3, 3, 8, 9, dtype=torch.float64)
-    for interpolation in ("nearest", "linear", "cubic", "exact"):
-        torch.testing.assert_close(
-            shift_and_sum(views, [0.0], interpolation)[0], views.mean((0, 1)), atol=1e-14, rtol=0
-        )
-
-
-def test_integer_slopes_need_no_interpolation():
-    views = torch.rand(5, 5, 3, 20, 20, dtype=torch.float64)
-    stacks = [shift_and_sum(views, [-2.0, 1.0], name, "wrap") for name in ("nearest", "linear", "cubic", "exact")]
-    assert torch.equal(stacks[0], stacks[1])
-    assert torch.equal(stacks[0], stacks[2])
-    torch.testing.assert_close(stacks[0], stacks[3], atol=1e-13, rtol=0)
-
-
-def test_integer_slopes_never_read_the_neighbouring_sample():
-    views = torch.rand(3, 3, 1, 12, 12)
-    views[..., 11] = math.inf
-    stack = shift_and_sum(views, [0.0, -1.0], border="edge")
-    assert bool(stack[0, ..., :11].isfinite().all())
-    assert bool(stack[1, ..., :10].isfinite().all())
-
-
 @pytest.mark.parametrize("border", ["renormalize", "edge"])
 def test_exact_interpolation_does_not_ring_at_the_border(border):
     ramp = torch.linspace(0, 1, 40, dtype=torch.float64).expand(5, 5, 1, 30, 40)
@@ -84,38 +53,6 @@ def test_cells_of_all_the_aperture_are_the_integral_over_it(plane, interpolation
     assert (filled - exact_fourier(views, slopes, fill=1.0)).square().mean().sqrt() < error
 
 
-@pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
-def test_fill_0_is_the_sum_over_points_to_the_last_bit(border):
-    views = torch.rand(3, 4, 2, 15, 18)
-    expected = shift_and_sum(views, [-1.1, 0.4], border=border)
-    for disparity in (0.3, torch.rand(15, 18)):
-        assert torch.equal(shift_and_sum(views, [-1.1, 0.4], border=border, fill=0, disparity=disparity), expected)
-
-
-def test_what_is_in_focus_is_not_blurred():
-    views = torch.rand(3, 3, 1, 12, 13, dtype=torch.float64)
-    expected = shift_and_sum(views, [0.4])
-    torch.testing.assert_close(shift_and_sum(views, [0.4], fill=1, disparity=0.4), expected, atol=1e-12, rtol=0)
-    behind = torch.full((12, 13), 0.4, dtype=torch.float64)
-    behind[:, 7:] = -0.8
-    mapped = shift_and_sum(views, [0.4], fill=1, disparity=behind)
-    torch.testing.assert_close(mapped[..., :7], expected[..., :7], atol=1e-12, rtol=0)
-    assert bool(((mapped - expected)[..., 7:].abs() > 1e-6).all())
-
-
-def test_samples_around_a_pixel_count_by_the_views_that_have_one():
-    weights = torch.tensor([[1.0, 2.0, 1.0]])
-    views = torch.rand(1, 3, 1, 1, 9, dtype=torch.float64)
-    share = coverage([1.5], (1, 3), (1, 9), weights=weights)[0]
-    total = shift_and_sum(views, [1.5], weights=weights)[0, 0] * share
-    taps = torch.tensor(footprint.taps(1.5), dtype=torch.float64)[None, None, None]
-    blurred, counted = (
-        torch.nn.functional.conv2d(row[None, None], taps, padding="same")[0, 0] for row in (total, share)
-    )
-    stack = shift_and_sum(views, [1.5], weights=weights, fill=1.0)
-    torch.testing.assert_close(stack[0, 0], blurred / counted, atol=1e-12, rtol=0)
-
-
 def test_derivatives_by_the_disparity_are_right():
     views = torch.rand(2, 2, 1, 4, 5, dtype=torch.float64)
     behind = (0.3 * torch.rand(4, 5, dtype=torch.float64)).requires_grad_()
@@ -133,64 +70,29 @@ def test_coverage_counts_the_weighted_views_with_a_sample():
     torch.testing.assert_close(share, expected.expand(4, 6))
 
 
-def test_pixels_without_any_view_are_black_and_their_coverage_is_0():
-    weights = torch.tensor([[1.0, 0.0, 0.0]])
-    stack = shift_and_sum(torch.ones(1, 3, 1, 3, 8), [2.0], weights=weights)
-    assert stack[0, 0, 0].tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
-    assert coverage([2.0], (1, 3), (3, 8), weights=weights)[0, 0].tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
-
-
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        ({"slopes": [float("nan")]}, "finite"),
-        ({"slopes": []}, "at least one"),
-        ({"slopes": [5.0]}, "half the"),
-        ({"interpolation": "magic"}, "interpolation must be one of"),
-        ({"border": "mirror"}, "border must be one of"),
-        ({"fill": -1.0}, "fill must be finite"),
-        ({"fill": 1.0, "disparity": torch.zeros(3, 3)}, "disparity must be a number or a map"),
-        ({"fill": 30.0}, "at most the picture's 10 px"),
+        {"slopes": [float("nan")]},
+        {"slopes": []},
+        {"slopes": [5.0]},
+        {"interpolation": "magic"},
+        {"border": "mirror"},
+        {"fill": -1.0},
+        {"fill": 1.0, "disparity": torch.zeros(3, 3)},
+        {"fill": 1.0, "disparity": float("nan")},
+        {"fill": 30.0},
     ],
 )
-def test_bad_arguments_are_refused(change, message):
-    arguments = {"views": torch.rand(3, 3, 1, 10, 10), "slopes": [0.5]} | change
-    with pytest.raises(InputError, match=message):
-        shift_and_sum(**arguments)
+def test_bad_arguments_are_refused(change):
+    with pytest.raises(InputError):
+        shift_and_sum(**({"views": torch.rand(3, 3, 1, 10, 10), "slopes": [0.5]} | change))
 
 
 def test_planes_among_the_disparities_stay_points():
     disparities = DisparityRange(-1.0, -0.4, 0.4)
     planes = torch.tensor([-7.0, -3.0, -1.0, 0.0, 0.4, 0.55])
     assert cell_widths(planes, disparities).tolist() == pytest.approx([6.6, 2.6, 0, 0, 0, 0])
-
-
-def test_half_way_through_a_fade_a_box_is_half_as_wide():
-    by_range = cell_widths(torch.tensor([0.15, 0.3]), DisparityRange(-3.0, -2.0, 0.0))
-    assert by_range.tolist() == pytest.approx([2.15 / 2, 2.3])
-    by_blur = cell_widths(torch.tensor([1.15, 1.3]), DisparityRange(0.0, 0.0, 0.0))
-    assert by_blur.tolist() == pytest.approx([1.15 / 2, 1.3])
-
-
-def test_cells_fade_in():
-    disparities = DisparityRange(0.0, 0.0, 0.0)
-    planes = torch.linspace(0.9, 1.5, 61, dtype=torch.float64)
-    steps = cell_widths(planes, disparities).diff()
-    assert bool((steps >= 0).all())
-    assert float(steps.max()) < 0.06
-
-
-def test_it_is_cubic_shift_and_sum_where_nothing_moves():
-    views = torch.rand(1, 1, 3, 32, 40).expand(5, 5, 3, 32, 40)
-    slopes = [-0.5, 0.25]
-    assert torch.equal(shift_and_sum_through_cells(views, slopes), shift_and_sum(views, slopes, "cubic"))
-
-
-def test_each_light_field_of_a_batch_has_its_own_range():
-    views = torch.rand(2, 5, 5, 3, 32, 40)
-    both = shift_and_sum_through_cells(views, [-2.5, 0.0])
-    for stack, field in zip(both, views, strict=True):
-        assert torch.equal(stack, shift_and_sum_through_cells(field, [-2.5, 0.0]))
 
 
 @pytest.mark.parametrize("name", ["wide_near_5", "wide_both_5", "wide_steps_5"])
@@ -238,43 +140,6 @@ def test_strips_of_two_planes_span_a_range(width):
     seen = disparity_range(views)
     assert seen.low < -0.7
     assert seen.high > 0.3
-
-
-@pytest.mark.parametrize("grid", [(1, 7), (7, 1)])
-def test_one_row_or_column_of_views_is_enough(grid):
-    assert disparity_range(smooth_views(1.0, grid)).middle == pytest.approx(1.0, rel=0.25)
-
-
-@pytest.mark.parametrize("views", [torch.full((5, 5, 3, 40, 50), 0.3), torch.rand(1, 1, 3, 40, 50)])
-def test_nothing_seen_is_0(views):
-    assert disparity_range(views)[:3] == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("rubbish", [torch.nan, torch.inf])
-def test_samples_that_are_not_finite_make_no_range(rubbish):
-    views = smooth_views(1.0)
-    views[3, 3, 0, 80, 80] = rubbish
-    assert disparity_range(views)[:3] == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("size", [(1, 64), (64, 1)])
-def test_a_single_row_or_column_of_pixels_will_do(size):
-    assert all(value == value for value in disparity_range(torch.rand(5, 5, 3, *size)))
-
-
-def test_views_of_weight_0_are_not_looked_at():
-    views, weights = smooth_views(1.0), torch.ones(7, 7)
-    weights[3, 1:4], weights[0, 3] = 0, 0
-    expected = disparity_range(views, weights)
-    assert expected.middle == pytest.approx(1.0, rel=0.25)
-    for rubbish in (torch.nan, 7.0):
-        assert disparity_range(torch.where(weights[..., None, None, None] > 0, views, rubbish), weights) == expected
-
-
-def test_a_cross_of_views_is_enough():
-    weights = torch.zeros(7, 7)
-    weights[4], weights[:, 2] = 1, 1
-    assert disparity_range(smooth_views(-1.0), weights).middle == pytest.approx(-1.0, rel=0.25)
 
 
 def test_disparities_are_per_step_wherever_cameras_stand():

@@ -33,14 +33,6 @@ def test_exact_on_a_periodic_view_is_the_trigonometric_sum(length, shift):
     torch.testing.assert_close(read(view, "exact", "wrap", shift), expected, atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize("name", list(INTERPOLATIONS))
-@pytest.mark.parametrize("border", ["edge", "zero", "wrap"])
-def test_rows_are_read_as_columns_are(name, border):
-    view = torch.rand(2, 20, 21, dtype=torch.float64)
-    across, down = read(view, name, border, 1.3, -1), read(view.mT.contiguous(), name, border, 1.3, -2)
-    torch.testing.assert_close(across, down.mT, atol=1e-13, rtol=0)
-
-
 @pytest.mark.parametrize("border", ["edge", "zero"])
 def test_exact_meets_no_jump_where_the_extended_view_starts_over(border):
     view = torch.rand(1, 24, dtype=torch.float64) + 1
@@ -54,12 +46,3 @@ def test_exact_meets_no_jump_where_the_extended_view_starts_over(border):
     around = torch.cat([steps[0, -SEAM - 1 :], steps[0, :SEAM]])
     jump = abs(float(plain[0, 0] - plain[0, -1]))
     assert around.abs().max() <= jump * torch.pi / (4 * SEAM) + 1e-12
-
-
-@pytest.mark.parametrize("name", list(INTERPOLATIONS))
-@pytest.mark.parametrize(("shift", "counted"), [(2.5, slice(0, 27)), (-2.0, slice(2, 30))])
-def test_only_samples_that_count_are_added_to(name, shift, counted):
-    view = torch.rand(2, 30)
-    part, whole = (read(view, name, border, shift) for border in ("renormalize", "edge"))
-    assert torch.equal(part[:, counted], whole[:, counted])
-    assert int(part.count_nonzero()) == part[:, counted].numel()
