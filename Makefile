@@ -85,9 +85,10 @@ gpu: install
 weights: install
 	$(BIN)/lfref train experiment=refiner resume=auto output="$(WEIGHTS)/run"
 	$(BIN)/python benchmarks/weights.py learned "$(WEIGHTS)/run"
-	for label in shift_and_sum fourier_slice rendered; do \
+	for label in shift_and_sum fourier_slice; do \
 		$(BIN)/lfref train experiment=refnet label=$$label resume=auto output="$(WEIGHTS)/$$label" || exit 1; done
 	$(BIN)/python benchmarks/weights.py refnet "$(WEIGHTS)/shift_and_sum"
+	$(BIN)/lfref train experiment=refnet_truth resume=auto output="$(WEIGHTS)/rendered"
 
 lint: install
 	$(BIN)/ruff check lfref tests benchmarks/*.py site/*.py
