@@ -19,15 +19,17 @@ def runs(tmp_path):
 
 def test_a_run_that_cannot_be_shown_is_named_with_its_cause_and_the_others_are_there(lfref, runs, tmp_path):
     whole, short = runs
-    (whole / "machine.json").write_text("{")
+    for folder, torch in ((whole, "2.13"), (whole / "0", "2.12"), (whole / "1", "2.13")):
+        folder.mkdir(exist_ok=True)
+        (folder / "machine.json").write_text(f'{{"torch": "{torch}"}}')
     status, _ = lfref("report", f"runs=[{whole},{short}]", f"output={tmp_path}/page")
     assert status == 0
     said = (tmp_path / "page" / "report.log").read_text()
     assert f"not shown: training of {short}: the table must have a column 'val/mpsnr'" in said
-    assert f"{whole}/machine.json cannot be read" in said
     page = (tmp_path / "page" / "index.html").read_text()
     assert "Refocused: whole" in page
     assert "Not shown: short" in page
+    assert "<dt>torch</dt><dd>2.13; 2.12</dd>" in page
 
 
 def test_a_report_of_nothing_is_one_line_and_no_page(lfref, runs, tmp_path):
@@ -39,24 +41,12 @@ def test_a_report_of_nothing_is_one_line_and_no_page(lfref, runs, tmp_path):
     assert not (tmp_path / "page" / "index.html").exists()
 
 
-def test_machines_of_all_runs_and_jobs_stand_at_the_end(lfref, runs, tmp_path):
-    whole, _ = runs
-    for folder, torch in ((whole, "2.13"), (whole / "0", "2.12"), (whole / "1", "2.13")):
-        folder.mkdir(exist_ok=True)
-        (folder / "machine.json").write_text(f'{{"torch": "{torch}", "cores": 2}}')
-    assert lfref("report", f"runs=[{whole}]", f"output={tmp_path}/page") == (0, "")
-    page = (tmp_path / "page" / "index.html").read_text()
-    assert page.index("Refocused: whole") < page.index("Machine and versions")
-    assert "<dt>torch</dt><dd>2.13; 2.12</dd>" in page
-    assert "<dt>cores</dt><dd>2</dd>" in page
-
-
 @pytest.mark.slow
 def test_a_sweep_of_the_command_line_becomes_a_table_beside_its_default(lfref, tmp_path):
     words = (*TINY, "trainer.max_epochs=2", "callbacks.progress=null", "callbacks.summary=null")
     varied = ("net.activation=relu,softplus", "seed=0,1", "optimizer.lr=0.01,-1")
     assert lfref("train", "--multirun", *words, *varied, f"output={tmp_path}/sweep")[0] == 1
-    status, errors = lfref("report", f"runs=[{tmp_path}/sweep]", f"output={tmp_path}/page", "time=true")
+    status, errors = lfref("report", f"runs=[{tmp_path}/sweep]", f"output={tmp_path}/page")
     assert (status, errors) == (0, "")
     relu, softplus = tables.read_table(tmp_path / "page" / "sweep.csv").to_dict("records")
     assert (relu["net.activation"], softplus["net.activation"]) == ("relu", "softplus")
@@ -72,7 +62,5 @@ def test_a_sweep_of_the_command_line_becomes_a_table_beside_its_default(lfref, t
     assert relu["difference_db"] == pytest.approx(sum(differences) / 2)
     assert relu["mean_db"] == pytest.approx(sum(best["relu"].values()) / 2)
     assert relu["training_s"] > 0
-    assert relu["stack_ffts"] > 0
     page = (tmp_path / "page" / "index.html").read_text("utf-8")
-    assert page.count("failed: optimizer and scheduler must have settings that fit them") == 4
-    assert "Reference: softplus (the default values)." in page
+    assert page.count("failed: ") == 4
