@@ -34,7 +34,7 @@ def build(config: Any, **arguments: Any) -> Any:
     if not isinstance(node, dict | list):
         return node
     try:
-        if not arguments:
+        if not arguments or isinstance(node, list):
             return instantiate(node, _convert_="all")
         # Hydra would merge arguments into the configuration, where dataclasses lose their class.
         others = {key: value for key, value in node.items() if key not in arguments}

@@ -1,6 +1,5 @@
 """`lfref refocus`: a folder of results for each light field, with what was asked for in it."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -10,10 +9,9 @@ import numpy as np
 import OpenImageIO
 import torch
 
-from lfref.io.read import read, read_stack
+from lfref.io.read import read_stack
 from lfref.io.write import write
 from lfref.lightfield import LightField
-from tests.io import lytro_drawing
 
 QUICK = ("method=shift_and_sum", "slopes=[-0.5,0.5]")
 
@@ -72,35 +70,6 @@ def test_a_flat_wall_has_no_points_and_all_else(lfref, tmp_path):
     assert status == 1
     assert "confident disparity" in error
     assert {"sweep.mp4", "focus_map.png", "disparity"} <= {path.name for path in (tmp_path / "out").iterdir()}
-
-
-def test_raw_files_of_a_lytro_camera_and_its_calibration(lfref, tmp_path):
-    camera = lytro_drawing.F01
-    lattice, frame = lytro_drawing.true_lattice(camera), lytro_drawing.frame_record(camera)
-    picture, white = lytro_drawing.picture_samples(camera, lattice), lytro_drawing.white_samples(camera, lattice)
-    folder, calibration = tmp_path / "library", tmp_path / "calibration"
-    for made in (folder, calibration):
-        made.mkdir()
-    lytro_drawing.write_raw(folder / "IMG_0001.lfp", camera, picture, frame)
-    lytro_drawing.write_focal_stack(folder / "IMG_0001-stk.lfp", (0.0, 1.0), np.zeros((2, 2), np.float32))
-    for name, samples in ((folder / "IMG_0002__frame.raw", picture), (calibration / "MOD_0000.RAW", white)):
-        name.write_bytes(lytro_drawing.packed(samples, 12))
-        name.with_suffix(".json" if name.parent == folder else ".TXT").write_text(json.dumps(frame))
-    words = (
-        "method=shift_and_sum",
-        "method.operator.interpolation=cubic",
-        "slopes=[0.3,-0.3]",
-        "correct=none",
-        "exposure=1",
-    )
-    status, error = lfref("refocus", folder, f"reader.white={calibration}", f"output={tmp_path}/out", *words)
-    assert status == 0, error
-    stacks = [read_stack(tmp_path / "out" / name / "stack.exr")[0] for name in ("IMG_0001", "IMG_0002__frame")]
-    torch.testing.assert_close(*stacks, rtol=0, atol=0)
-    view = read(folder / "IMG_0001.lfp", white=calibration).views[3, 3]
-    # The scene is at slope .3.
-    errors = (stacks[0] - view)[..., 4:-4, 4:-4].square().mean(dim=(1, 2, 3))
-    assert errors[1] > 20 * errors[0], errors
 
 
 def test_a_bad_capture_stops_no_other_and_the_run_goes_on_with_it_and_with_new_ones(lfref, captures, tmp_path):

@@ -95,18 +95,6 @@ def test_light_fields_are_found_and_nothing_else_is_taken_for_one(lfref, tmp_pat
     assert [path.stem for path in find(tmp_path / "out")] == [f"simulated_s0_e0_00{k}" for k in range(n_fields)]
 
 
-def test_the_pinhole_picture_and_masks_are_written(lfref, scene_of, tmp_path):
-    assert lfref("simulate", *TWIGS, "outputs=[all_in_focus,masks]", *SMALL, f"output={tmp_path}/out")[0] == 0
-    found = simulate(scene_of(*TWIGS, *SMALL).scene(0, 0, 0), 0, ["all_in_focus", "masks"])
-    sharp = images.read_image(tmp_path / "out" / "twigs_all_in_focus.exr")
-    assert torch.equal(torch.from_numpy(sharp).movedim(2, 0), found.all_in_focus)
-    with images.open_image(tmp_path / "out" / "twigs_masks.exr") as source:
-        masks = [images.read_part(source, tmp_path, part)[..., 0] for part in range(len(found.masks))]
-        names = [source.seek_subimage(k, 0) and source.spec()["oiio:subimagename"] for k in range(len(masks) + 1)]
-    assert np.array_equal(masks, found.masks)
-    assert names == [*(f"surface_{k:02d}" for k in range(len(masks))), False]
-
-
 def test_every_pass_is_explained_if_asked_for(lfref, tmp_path):
     words = ("scene=sim30", "scene.name=grainy", "outputs=[views]", *SMALL, f"output={tmp_path}/out")
     assert lfref("simulate", *words, "explain=true")[0] == 0

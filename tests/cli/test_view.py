@@ -7,7 +7,6 @@ import urllib.parse
 
 import numpy as np
 import pytest
-import torch
 
 from lfref.geometry import FocalPlanes
 from lfref.io import images, write
@@ -95,19 +94,3 @@ def test_a_file_for_sharing_of_a_lytro_camera_becomes_a_page_of_its_pictures(lfr
         assert abs(picture.astype(int) - lytro_drawing.stack_picture(number)).max() < 16
     steps = np.frombuffer(base64.b64decode(made["depth"]["disparity"]), "<u2").reshape(48, 64)
     np.testing.assert_allclose(steps[[0, 0, -1], [0, -1, -1]] / 65535 * 9.5 - 5.5, [-5.5, 0.25, 4.0], atol=1e-3)
-
-
-@pytest.mark.parametrize("aperture", ["full", "picture"])
-def test_the_page_begins_with_the_aperture_of_the_methods(lfref, field, tmp_path, aperture):
-    images.write_image(tmp_path / "half.png", np.repeat([[1.0], [0.0]], 2, 1)[..., None])
-    own = ("aperture._target_=lfref.refocus.apertures.picture", f"+aperture.path={tmp_path}/half.png")
-    words = own if aperture == "picture" else ()
-    status, errors = lfref(*WORDS[:3], WORDS[4], *words, field, f"output={tmp_path}/run")
-    assert status == 0, errors
-    content = held(tmp_path / "run")[1]
-    if aperture == "full":
-        assert (content["shape"], content["aperture"]) == ("square", None)
-        return
-    n_rows = len(content["aperture"])
-    expected = (n_rows / 2 - torch.arange(n_rows)).clamp(0, 1)[:, None].expand(n_rows, n_rows)
-    np.testing.assert_allclose(content["aperture"], expected / expected.max(), atol=1e-4)

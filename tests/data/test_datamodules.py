@@ -3,7 +3,6 @@
 import functools
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import torch
@@ -118,28 +117,6 @@ def test_workers_render_the_labels_that_the_training_process_would():
     for one, two in zip(alone, batches, strict=True):
         assert one["where"] == two["where"]
         torch.testing.assert_close(one["labels"], two["labels"], atol=1e-6, rtol=0)
-
-
-def test_each_rank_of_a_distributed_run_gets_its_share():
-    class Trainer:
-        world_size = 2
-
-        class fit_loop:  # noqa: N801
-            restarting = False
-            epoch_progress = SimpleNamespace(total=None)
-            epoch_loop = SimpleNamespace(batch_progress=None)
-
-        class accelerator:  # noqa: N801
-            name = staticmethod(lambda: "cpu")
-
-    drawn = []
-    for rank in (0, 1):
-        data = simulated(n_fields=4)
-        data.trainer = Trainer()
-        data.trainer.global_rank = rank
-        drawn.append(places(data.train_dataloader()))
-    assert not set(drawn[0]) & set(drawn[1])
-    assert len(drawn[0]) == len(drawn[1]) == 4
 
 
 def test_a_folder_gives_batches_through_the_cache_which_is_filled_once(store, folder_data, tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import csv
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -55,7 +56,8 @@ def test_two_processes_train_and_log_as_one_with_the_same_batches(two, tmp_path,
 
 
 def test_two_processes_resume_together(two, tmp_path):
-    run = train(f"resume={two}", f"output={tmp_path}/run", "trainer.max_epochs=2")
+    shutil.copytree(two, tmp_path / "run")
+    run = train(f"resume={tmp_path}/run", "trainer.max_epochs=2")
     assert run.returncode == 0, run.stderr
     assert torch.load(tmp_path / "run" / "checkpoints" / "last.ckpt", weights_only=True)["global_step"] == 4
     assert logged(tmp_path / "run")[:2] == logged(two)
