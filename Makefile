@@ -20,18 +20,18 @@ export PYTHONWARNINGS ?= ignore::FutureWarning
 # Material for MkDocs advertises its successor otherwise.
 export NO_MKDOCS_2_WARNING ?= 1
 
-.PHONY: help install demo test figures paper ablations gpu weights lint site quick fuzz clean
+.PHONY: help install demo test figures paper ablations gpu weights lint site test-slow fuzz clean
 
 help:
 	@echo "make demo [INPUT=LIGHT_FIELD]   train, evaluate, refocus and bench; ends in two pages"
-	@echo "make test                       linters, types, import layers, the site and all tests"
+	@echo "make test                       linters, types, import layers, and the tests that take seconds"
+	@echo "make test-slow                  the site, and the tests that take longer"
 	@echo "make site                       the pages and the reference as a site, in runs/site"
 	@echo "make figures                    measure the figures of README and docs again"
 	@echo "make paper                      the paper's experiments, against the truth; goes on where it was stopped"
 	@echo "make ablations                  which of the paper's choices matter; goes on where it was stopped"
 	@echo "make gpu [MINUTES=10]           what needs a GPU: tests, benches, the paper's network; goes on where it was stopped"
 	@echo "make weights                    train the networks that ship again"
-	@echo "make quick                      the tests that take no more than seconds"
 	@echo "make fuzz                       the tests of properties, by examples that are new at each run"
 	@echo "make clean                      remove runs and caches of this checkout"
 
@@ -62,17 +62,16 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
 	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
-	$(BIN)/python benchmarks/scale.py
-	$(BIN)/python benchmarks/browsing.py
-	$(BIN)/python benchmarks/training_speed.py
-	$(BIN)/python benchmarks/paper_speed.py
-	$(BIN)/python benchmarks/living.py --film
-	$(BIN)/python benchmarks/measure.py
+	$(BIN)/python benchmarks/scale.py streams
+	$(BIN)/python benchmarks/scale.py steps
+	$(BIN)/python benchmarks/page.py --film
+	$(BIN)/python benchmarks/paper.py --speed
+	$(BIN)/python benchmarks/figures.py
 	$(BIN)/python benchmarks/pictures.py
 
 paper: install
 	$(BIN)/python benchmarks/paper.py
-	$(BIN)/python benchmarks/paper_speed.py
+	$(BIN)/python benchmarks/paper.py --speed
 
 ablations: install
 	$(BIN)/python benchmarks/ablations.py
@@ -104,11 +103,12 @@ $(VENV)/checks: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[mitsuba,export,dashboard]'
 	touch $@
 
-test: lint site $(VENV)/checks
-	$(BIN)/python -m pytest -n auto
-
-quick: install
+test: lint $(VENV)/checks
 	$(BIN)/python -m pytest -n auto -m "not slow"
+
+# Pages in Chromium, SLURM, Mitsuba, the site, the wheel, long trainings, killed processes.
+test-slow: site $(VENV)/checks
+	$(BIN)/python -m pytest -n auto -m slow
 
 fuzz: $(VENV)/checks
 	$(BIN)/python -m pytest -n auto -m hypothesis --hypothesis-profile=fuzz

@@ -15,14 +15,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import experiments
-import markers
+import pages
 import pandas as pd
+import paper
 import torch
-import training
-from experiments import CLASSICAL, PLANES
-from hydra import compose, initialize_config_dir
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
+from paper import CLASSICAL, PLANES
 from rich.progress import track
 
 from lfref.bench.accuracy import RIVAL
@@ -35,13 +33,11 @@ from lfref.report import tables
 from lfref.report.sweeps import t_interval
 from lfref.simulator import sim30
 
-RUNS = markers.ROOT / "runs" / "ablations"
-RESULTS = markers.ROOT / "docs" / "ablations.csv"
+RUNS, RESULTS = pages.ROOT / "runs" / "ablations", pages.ROOT / "docs" / "ablations.csv"
 SETUP = ("experiment=paper_small",)
 LABEL = "shift_and_sum"
 METHODS = (RIVAL, LABEL)
 """Rows above the trainings."""
-N_SEEDS = 3
 SMALL = OmegaConf.load(configs.directory() / "net" / "refnet_small.yaml")
 DECISIVE = "net", "loss", "planes", "optimizer", "scheduler", "end_rate", "data"
 """Parts of the configuration by which a setup is known."""
@@ -103,28 +99,16 @@ def members(n_seeds: int, overrides: Iterable[str] = ()) -> Iterator[Member]:
     """All trainings, seed by seed, so that one seed of every variant comes before the second of any."""
     for seed, (variant, changes) in itertools.product(range(n_seeds), VARIANTS.items()):
         words = (*SETUP, *changes, f"seed={seed}", *overrides)
-        config = composed(words)
+        config = pages.composed("train", *words)
         parts = [sim30.VERSION, config.trainer.max_steps, config.trainer.precision]
         parts += [configs.plain(config[part]) for part in DECISIVE]
         digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
         yield Member(variant, seed, f"setup_{digest[:12]}", words)
 
 
-def composed(overrides: Iterable[str]) -> DictConfig:
-    """The configuration of a training."""
-    with initialize_config_dir(str(configs.directory()), version_base="1.3"):
-        return compose("train", list(overrides))
-
-
 def results(path: Path) -> pd.DataFrame:
     """The results so far, by any setup."""
     return tables.read_table(path).astype({"seed": int}) if path.exists() else pd.DataFrame(columns=KEY)
-
-
-def of(wanted: Sequence[Member], rows: pd.DataFrame) -> pd.DataFrame:
-    """The results of these trainings."""
-    keys = {member[: len(KEY)] for member in wanted}
-    return rows[[key in keys for key in rows[KEY].itertuples(index=False, name=None)]]
 
 
 def train(wanted: Sequence[Member], path: Path, n_processes: int, row: Callable[[Member], Mapping[str, Any]]) -> None:
@@ -141,56 +125,52 @@ def train(wanted: Sequence[Member], path: Path, n_processes: int, row: Callable[
 def trained(member: Member, runs: Path, cases: Sequence[EvaluationCase]) -> dict[str, Any]:
     """The row of a training, which is trained first unless it is."""
     folder = member.folder(runs)
-    training.train(folder, member.overrides)
+    paper.train(folder, member.overrides)
     facts = Run(folder).training
-    row = dict(zip(KEY, member, strict=False)) | {
-        "n_parameters": facts["n_parameters"],
-        "training_s": round(facts["seconds"]),
-    }
-    return row | measured(load(folder), cases)
+    row = dict(zip(KEY, member, strict=False)) | {"n_parameters": facts["n_parameters"]}
+    return row | {"training_s": round(facts["seconds"])} | measured(load(folder), cases)
 
 
 def measured(method: Refocuser, cases: Sequence[EvaluationCase]) -> dict[str, float]:
     """Means over scenes and planes, by the labels (`label_`) and by the truth (`truth_`)."""
-    rows = experiments.plane_rows(cases, [method, CLASSICAL[RIVAL]], [LABEL])
-    by_reference = experiments.scores(rows).loc[method.name]
-    prefixes = {LABEL: "label_", TRUTH: "truth_"}
+    scores = paper.scores(paper.plane_rows(cases, [method, CLASSICAL[RIVAL]], [LABEL]))
     return {
-        prefixes[reference] + name: round(float(value), 5)
-        for reference, scores in by_reference.iterrows()
+        prefix + name: round(float(value), 5)
+        for reference, prefix in ((LABEL, "label_"), (TRUTH, "truth_"))
         if reference != method.name
-        for name, value in scores.items()
+        for name, value in scores.loc[method.name, reference].items()
+        if name not in ("n_db", "n_ssim")
     }
 
 
 def times() -> dict[str, str]:
     """Time of every row for one light field; networks are untrained, since weights cost no time."""
-    options = {name: OmegaConf.to_yaml(composed([*SETUP, *changes, LINEAR]).net) for name, changes in VARIANTS.items()}
+    nets = {name: pages.composed("train", *SETUP, *changes, LINEAR).net for name, changes in VARIANTS.items()}
+    options = {name: OmegaConf.to_yaml(net) for name, net in nets.items()}
     networks = {text: configs.build(OmegaConf.create(text)).eval() for text in set(options.values())}
     methods = {name: functools.partial(CLASSICAL[name], slopes=PLANES.slopes) for name in METHODS}
-    measured = experiments.times(methods | networks)
+    measured = paper.times(methods | networks)
     return {name: measured[options.get(name, name)] for name in (*METHODS, *VARIANTS)}
 
 
 def table(rows: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
     """All variants and methods; differences from the base are taken seed by seed."""
     headings = [heading for heading, _ in MEASURES.values()]
-    yield from experiments.head(
-        "variant", *headings, "by its labels, less the base, dB", "parameters", experiments.TIME
-    )
+    yield from pages.head("variant", *headings, "by its labels, less the base, dB", "parameters", paper.TIME)
     by_variant = {variant: own.set_index("seed") for variant, own in rows.groupby("variant")}
-    for variant in (*METHODS, *VARIANTS):
-        own, base = by_variant[variant], by_variant[BASE]
+    base = by_variant[BASE]["label_psnr_db"]
+    for variant in (name for name in (*METHODS, *VARIANTS) if name in by_variant):
+        own = by_variant[variant]
         cells = [mean(own[name], form) for name, (_, form) in MEASURES.items()]
-        less = "" if own is base else difference((own["label_psnr_db"] - base["label_psnr_db"]).dropna())
-        size = f"{own['n_parameters'].iloc[0]:,.0f}"
-        yield experiments.row(variant, *cells, *(["", ""] if variant in METHODS else [less, size]), times[variant])
+        less = "" if variant in (BASE, *METHODS) else difference((own["label_psnr_db"] - base).dropna())
+        size = pages.number(own["n_parameters"].iloc[0], ",.0f")
+        yield pages.row(variant, *cells, less, size, times[variant])
     yield ""
     yield f"Whole frames of the 30 scenes of sim30 ({sim30.VERSION}) without sensors, the paper's planes; mean and"
     yield f"standard deviation over seeds ({rows['seed'].nunique()} in all). Less the base: mean difference, seed by"
     yield "seed, with its 95 % paired t interval from two seeds on, bold where it excludes 0; each row is tested by"
     yield "itself. Near: alpha from .75, without 1; wide: up to .25. Time of a light field of"
-    yield f"7x7x3x{experiments.SIZE[0]}x{experiments.SIZE[1]}, in brackets in NumPy's 4-D FFTs of the same views."
+    yield f"7x7x3x{pages.SIZE[0]}x{pages.SIZE[1]}, in brackets in NumPy's 4-D FFTs of the same views."
 
 
 def mean(values: pd.Series, form: str) -> str:
@@ -217,24 +197,26 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks, and of results if not the default")
     parser.add_argument("--scenes", nargs="+", default=list(sim30.SCENES), help="of sim30, with --runs elsewhere")
     parser.add_argument("--processes", type=int, default=1, help="trainings side by side, of one thread each")
-    parser.add_argument("--seeds", type=int, default=N_SEEDS, help="how many; more can be added later")
+    parser.add_argument("--seeds", type=int, default=3, help="how many; more can be added later")
     options = parser.parse_args()
     runs = options.runs.resolve()
     is_ours = runs == RUNS
     if is_ours and (options.overrides or options.scenes != list(sim30.SCENES)):
         parser.error("other overrides and scenes need --runs elsewhere: they would mix with the results of the page")
     path, wanted = RESULTS if is_ours else runs / "ablations.csv", list(members(options.seeds, options.overrides))
-    cases = list(experiments.cases(options.scenes, PLANES))
+    cases = list(paper.cases(options.scenes))
     n_threads = torch.get_num_threads()
     torch.set_num_threads(1)  # evaluations run beside trainings
     train(wanted, path, options.processes, functools.partial(trained, runs=runs, cases=cases))
     torch.set_num_threads(n_threads)
     methods = [{"variant": name, "seed": 0} | measured(CLASSICAL[name], cases) for name in METHODS]
-    lines = "\n".join(table(pd.concat([pd.DataFrame(methods), of(wanted, results(path))]), times()))
+    rows, keys = results(path), {member[: len(KEY)] for member in wanted}
+    rows = rows[[key in keys for key in rows[KEY].itertuples(index=False, name=None)]]
+    lines = list(table(pd.concat([pd.DataFrame(methods), rows]), times()))
     if is_ours:
-        markers.fill({"ablations": lines})
+        pages.fill({"ablations": lines})
     else:
-        print(lines)
+        print(*lines, sep="\n")
 
 
 if __name__ == "__main__":

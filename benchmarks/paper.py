@@ -2,35 +2,88 @@
 
 Run by `make paper`. The networks are those of `make weights`, runs in `runs/weights`; what is missing there is trained.
 With `--runs` elsewhere nothing is written into the pages: `paper.py --runs FOLDER --network LABEL=PATH` evaluates
-another network, a run folder or a file.
+another network, a run folder or a file. `--speed` measures only times, with untrained networks.
+Letters: `N` planes, `C H W` channel, pixel row and column, `u v` view column and row, `k` cycles per pixel.
 """
 
 import argparse
+import dataclasses
 import functools
-from collections.abc import Iterator, Mapping
+import itertools
+import os
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-import experiments
-import markers
+import numpy as np
+import pages
 import pandas as pd
-import paper_pictures
-import sheets
-import training
-from experiments import ALPHAS, CLASSICAL, KEYS, NETWORKS, PLANES, SEED
+import pictures
+import torch
+from matplotlib.figure import Figure
+from pages import ALPHAS, CPU, PLANES, row
+from rich.progress import track
+from torch import Tensor
+from torch.nn import functional as F
 
 from lfref import geometry
+from lfref.bench import accuracy, evaluation, timing
 from lfref.bench.accuracy import RIVAL
-from lfref.bench.evaluation import TRUTH
-from lfref.report import tables
+from lfref.bench.evaluation import EvaluationCase
+from lfref.cli import config as configs
+from lfref.data.datamodules import SimulatedSource
+from lfref.io import write
+from lfref.io.read import read
+from lfref.io.run import Run
+from lfref.lightfield import LightField
+from lfref.refocus.fourier.slice import fourier_slice
+from lfref.refocus.mean_of_views import mean_of_views
+from lfref.refocus.occlusion_aware import occlusion_aware
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocuser.load import load
+from lfref.refocuser.networks import NetworkRefocuser
+from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
+from lfref.report import drawing, tables
+from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, MAGENTA, RED, TEAL
 from lfref.simulator import sim30
+from lfref.simulator.effects.sensor import Sensor
+from lfref.simulator.scene import Camera
+from lfref.simulator.scenes import RandomScenes
 
-RUNS = markers.ROOT / "runs" / "paper"
+RUNS, WEIGHTS = pages.ROOT / "runs" / "paper", pages.ROOT / "runs" / "weights"
+CLASSICAL = {
+    name: OperatorRefocuser(name, operator)
+    for name, operator in {
+        RIVAL: mean_of_views,
+        "shift_and_sum": shift_and_sum,
+        "fourier_slice": functools.partial(fourier_slice, kernel="kaiser_bessel", width=4, padding=2),
+        "fourier_slice_linear": functools.partial(fourier_slice, kernel="linear", padding=1),
+        "shift_and_sum_through_cells": shift_and_sum_through_cells,
+        "occlusion_aware": occlusion_aware,
+    }.items()
+}
+"""The settings of `conf/method`."""
 LABELS = ("shift_and_sum", "fourier_slice")
 METHODS = (RIVAL, *LABELS, "fourier_slice_linear", "occlusion_aware")
+NETWORKS = {
+    "shift_and_sum": "RefNet on shift_and_sum",
+    "fourier_slice": "RefNet on fourier_slice",
+    "rendered": "RefNet on the truth",
+}
+"""Label source, a file of `conf/label` -> the method of its network."""
+RECIPES = {
+    "shift_and_sum": ["experiment=refnet", "label=shift_and_sum"],
+    "fourier_slice": ["experiment=refnet", "label=fourier_slice"],
+    "rendered": ["experiment=refnet_truth"],
+}
+"""Label source -> overrides of `lfref train`."""
+TRUTH = evaluation.TRUTH
 OWN = dict(zip(NETWORKS.values(), (*LABELS, TRUTH), strict=True))
 """Method of each network -> its labels."""
-BY_LABELS = [(method, label) for label in LABELS for method in (RIVAL, NETWORKS[label])]
-BY_TRUTH = [(method, TRUTH) for method in (*METHODS, *OWN)]
+KEYS = ["method", "reference"]
+QUIET = ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures", "data.workers=0")
 LEAST_DB, LEAST_SSIM = 30, 0.925
 """Quality by which scenes are counted."""
 QUALITY = {
@@ -50,128 +103,284 @@ COLOUR = {
     "nonzero_delta_e": ("without alpha 1", ".2f"),
 }
 """Columns of the tables, their headings, and how their numbers are written."""
+TIME = "time, ms (in FFTs)"
+LAPLACIAN = torch.tensor([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])[None, None]
 
 
-def scored(rows: pd.DataFrame) -> pd.DataFrame:
-    """Scores of every method by every reference, and how many scenes reach `LEAST_DB` and `LEAST_SSIM`."""
-    means = rows.groupby([*KEYS, "light_field"])[["psnr_db", "ssim"]].mean()
-    counts = (means >= [LEAST_DB, LEAST_SSIM]).groupby(KEYS).sum().set_axis(["n_db", "n_ssim"], axis=1)
-    return experiments.scores(rows).join(counts).reset_index()
+# Networks and methods on sim30
 
 
-def of(rows: pd.DataFrame, method: str, reference: str) -> pd.DataFrame:
-    """Rows of a method, for a network those of all its seeds, by a reference."""
-    return rows[(rows["method"].str.partition(SEED)[0] == method) & (rows["reference"] == reference)]
+def train(folder: Path, overrides: Sequence[str]) -> None:
+    """Train a network in a process of one thread; a finished one stays as it is, an interrupted one goes on."""
+    if Run(folder).is_finished:
+        return
+    one_thread = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    command = [*pages.LFREF, "train", *overrides, *QUIET, f"output={folder}", "resume=auto"]
+    process = subprocess.run(command, env=one_thread, capture_output=True, text=True)
+    if process.returncode:
+        raise SystemExit(f"{folder}: {process.stderr[-2000:]}")
 
 
-def written(rows: pd.DataFrame, column: str, form: str) -> str:
-    """Mean of a column, and the least and the largest mean of a network if there are several, as text."""
-    means = rows.groupby("method")[column].mean()
-    low, mean, high = (f"{value:{form}}".replace("%", " %") for value in (means.min(), means.mean(), means.max()))
-    return mean if len(means) == 1 else f"{mean} ({low} to {high})"
+def cases(names: Iterable[str] = sim30.SCENES) -> Iterator[EvaluationCase]:
+    """Scenes of sim30 as a perfect sensor records them, with their truth at the paper's planes."""
+    scenes = (sim30.SCENES[name] for name in track(list(names), description="evaluating"))
+    perfect = (dataclasses.replace(scene, sensor=Sensor()) for scene in scenes)
+    return evaluation.scene_cases(perfect, PLANES.slopes, CPU)
+
+
+@torch.no_grad()
+def plane_rows(cases: Iterable[EvaluationCase], methods: Sequence[Refocuser], labels: Sequence[str]) -> pd.DataFrame:
+    """Every method by each label and by the reference, over the whole frame as in the paper, a row for each plane.
+
+    No method gets the aperture of a scene, since networks have no input for it.
+    """
+    rows = []
+    for case in cases:
+        stacks = {method.name: method(case.light, PLANES.slopes) for method in methods}
+        references = {label: CLASSICAL[label](case.light, PLANES.slopes) for label in labels}
+        references[case.reference_name] = case.reference
+        for (method, stack), (reference, label) in itertools.product(stacks.items(), references.items()):
+            compared = accuracy.plane_rows(case.light.name, {method: stack}, {reference: label}, PLANES)
+            delta_e = accuracy.colour_difference(stack, label).mean((-2, -1))
+            more = zip(compared, delta_e.tolist(), (sharpness(stack) / sharpness(label)).tolist(), strict=True)
+            rows += [row | {"delta_e": colour, "sharpness": ratio} for row, colour, ratio in more]
+    return pd.DataFrame(rows)
+
+
+def sharpness(stack: Tensor) -> Tensor:
+    """Mean size of the Laplacian of every plane, [N, C, H, W] -> [N]."""
+    return F.conv2d(stack.flatten(0, 1)[:, None], LAPLACIAN).abs().mean((1, 2, 3)).unflatten(0, stack.shape[:2]).mean(1)
+
+
+def scores(rows: pd.DataFrame) -> pd.DataFrame:
+    """Means of `plane_rows` by `KEYS`, also without slope 0; scenes of some quality; the share that is explained."""
+    means, nonzero, widest = (
+        part.groupby(KEYS, sort=False)[["psnr_db", "ssim", "colour_error", "delta_e"]].mean()
+        for part in (rows, rows[rows["slope"] != 0], rows[rows["alpha"] == ALPHAS[0]])
+    )
+    scenes = rows.groupby([*KEYS, "light_field"])[["psnr_db", "ssim"]].mean()
+    counts = (scenes >= [LEAST_DB, LEAST_SSIM]).groupby(KEYS).sum().set_axis(["n_db", "n_ssim"], axis=1)
+    means = means.join(nonzero.add_prefix("nonzero_")).assign(widest_db=widest["psnr_db"])
+    return means.join(counts).join(accuracy.explained(rows, KEYS))
+
+
+# Tables
+
+
+def written(value: float, form: str) -> str:
+    """A number as tables have it."""
+    return f"{value:{form}}".replace("%", " %")
+
+
+def table(
+    scores: pd.DataFrame,
+    pairs: Iterable[tuple[str, str]],
+    columns: Mapping[str, tuple[str, str]],
+    times: Mapping[str, str],
+) -> Iterator[str]:
+    """Scores of methods by references."""
+    yield from pages.head("method", "by", *(heading for heading, _ in columns.values()), TIME)
+    for pair in pairs:
+        cells = (written(scores.loc[pair, name], form) for name, (_, form) in columns.items())
+        yield row(*pair, *cells, times[pair[0]])
 
 
 def claims(rows: pd.DataFrame, scores: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
     """The paper's claims one by one, and what was measured."""
-    yield from experiments.head("claim", "what the paper compared", "measured here")
+    off = rows.assign(off=(rows["sharpness"] - 1).abs()).groupby(KEYS)["off"].mean()
+
+    def beside(values: pd.Series, label: str, reference: str, form: str, *methods: str) -> str:
+        names = {label: "labels", NETWORKS[label]: "network", RIVAL: "mean of the views"}
+        shown = (*methods, NETWORKS[label], RIVAL)
+        return ", ".join(f"{names[each]} {written(values[each, reference], form)}" for each in shown)
+
+    yield from pages.head("claim", "what the paper compared", "measured here")
     for label in LABELS:
-        n_db, n_ssim = (_beside(scores, label, label, (NETWORKS[label], RIVAL), each) for each in ("n_db", "n_ssim"))
-        what = f"scenes of 30 from {LEAST_DB} dB: {n_db}; from an SSIM of {LEAST_SSIM}: {n_ssim}"
-        yield experiments.row(f"imitates {label}", "30 captures, by the labels", what)
-    what = "; ".join(f"{method} {times[method]}" for method in ("shift_and_sum", *OWN))
-    yield experiments.row(
-        "134 times faster",
-        "a network on a GPU with NumPy's 4-D FFT on a CPU, which is no picture yet",
-        f"ms (FFTs) on one CPU: {what}; the network at full size: [Speed](#speed)",
-    )
-    what = "shift-and-sum is real time on a CPU: [Speed](#speed)"
-    yield experiments.row("real time only by learning", "neither method was timed as a whole", what)
+        n_db, n_ssim = (beside(scores[name], label, label, ".0f") for name in ("n_db", "n_ssim"))
+        found = f"scenes of 30 from {LEAST_DB} dB: {n_db}; from an SSIM of {LEAST_SSIM}: {n_ssim}"
+        yield row(f"imitates {label}", "30 captures, by the labels", found)
+    found = "; ".join(f"{method} {times[method]}" for method in ("shift_and_sum", *OWN))
+    compared = "a network on a GPU with NumPy's 4-D FFT on a CPU, which is no picture yet"
+    yield row("134 times faster", compared, f"ms (FFTs) on one CPU: {found}; the network at full size: [Speed](#speed)")
+    found = "shift-and-sum is real time on a CPU: [Speed](#speed)"
+    yield row("real time only by learning", "neither method was timed as a whole", found)
     for label in LABELS:
-        columns = {"colour_error": "error of the mean colour by the truth", "delta_e": "Delta E"}
-        methods = label, NETWORKS[label], RIVAL
-        found = "; ".join(f"{text}: {_beside(scores, label, TRUTH, methods, name)}" for name, text in columns.items())
-        yield experiments.row(f"colours superior to {label}", "two captures, by eye", found)
-        off = rows.assign(off=(rows["sharpness"] - 1).abs())
-        found = _beside(off, label, label, (NETWORKS[label], RIVAL), "off")
-        yield experiments.row(f"depth of field like {label}", "two captures, by eye", f"sharpness off by: {found}")
-
-
-def _beside(rows: pd.DataFrame, label: str, reference: str, methods: tuple[str, ...], column: str) -> str:
-    forms = {name: form for name, (_, form) in (QUALITY | COLOUR).items()} | {"off": ".0%"}
-    names = {label: "labels", NETWORKS[label]: "network", RIVAL: "mean of the views"}
-    return ", ".join(f"{names[each]} {written(of(rows, each, reference), column, forms[column])}" for each in methods)
-
-
-def table(
-    scores: pd.DataFrame, pairs: list[tuple[str, str]], columns: dict[str, tuple[str, str]], times: Mapping[str, str]
-) -> Iterator[str]:
-    """Scores of methods by references."""
-    yield from experiments.head("method", "by", *(heading for heading, _ in columns.values()), experiments.TIME)
-    for method, reference in pairs:
-        own = of(scores, method, reference)
-        cells = [written(own, name, form) for name, (_, form) in columns.items()]
-        yield experiments.row(method, reference, *cells, times[method])
+        cast, difference = (
+            beside(scores[name], label, TRUTH, form, label)
+            for name, form in (("colour_error", ".2%"), ("delta_e", ".2f"))
+        )
+        found = f"error of the mean colour by the truth: {cast}; Delta E: {difference}"
+        yield row(f"colours superior to {label}", "two captures, by eye", found)
+        found = f"sharpness off by: {beside(off, label, label, '.0%')}"
+        yield row(f"depth of field like {label}", "two captures, by eye", found)
 
 
 def planes(rows: pd.DataFrame) -> Iterator[str]:
     """PSNR and sharpness of networks by their own labels, plane by plane."""
+    means = rows.groupby(["alpha", *KEYS])[["psnr_db", "sharpness"]].mean()
     pairs = [(RIVAL, "shift_and_sum"), *OWN.items()]
     columns = {"psnr_db": ("dB", ".1f"), "sharpness": ("sharpness", ".2f")}
     headings = [f"{method}, {unit}" for unit, _ in columns.values() for method, _ in pairs]
-    yield from experiments.head("alpha", "outer views move by, px", *headings)
+    yield from pages.head("alpha", "outer views move by, px", *headings)
     for place, alpha in enumerate(ALPHAS):
-        of_plane = rows[rows["alpha"] == alpha]
-        cells = [written(of(of_plane, *pair), name, form) for name, (_, form) in columns.items() for pair in pairs]
-        yield experiments.row(f"{alpha:g}", f"{geometry.corner_shift(PLANES.slopes[[place]], (7, 7)):.1f}", *cells)
+        cells = [
+            written(means.loc[(alpha, *pair), name], form) for name, (_, form) in columns.items() for pair in pairs
+        ]
+        yield row(f"{alpha:g}", f"{geometry.corner_shift(PLANES.slopes[[place]], (7, 7)):.1f}", *cells)
     yield ""
     yield f"Each network by its own labels, `{RIVAL}` by shift_and_sum; sharpness: mean size of the Laplacian over that"
     yield "of the label."
 
 
+# Times
+
+
+def fourier_slice_numpy(views: Tensor, slopes: Tensor) -> Tensor:
+    """Fourier slices in plain NumPy, linear as in Ng 2005, one channel after the other: a baseline of time only."""
+    grid, size = views.shape[:2], views.shape[3:]
+    ky, kx = np.fft.fftfreq(size[0]), np.fft.fftfreq(size[1])
+    y, x = np.ogrid[: size[0], : size[1]]
+    stack = np.empty((len(slopes), *views.shape[2:]), np.float32)
+    for channel, light in enumerate(views.numpy().transpose(2, 0, 1, 3, 4)):
+        spectrum = np.fft.fftn(light) / (grid[0] * grid[1])
+        for plane, slope in enumerate(slopes.tolist()):
+            (rows, row_factors), (columns, column_factors) = (
+                _taps(-slope * k * n, n) for k, n in zip((ky, kx), grid, strict=True)
+            )
+            taps = itertools.product(zip(rows, row_factors, strict=True), zip(columns, column_factors, strict=True))
+            slice_ = sum(spectrum[v[:, None], u, y, x] * (fv[:, None] * fu) for (v, fv), (u, fu) in taps)
+            stack[plane, channel] = np.fft.ifft2(slice_).real
+    return torch.from_numpy(stack)
+
+
+def _taps(position: Any, n_views: int) -> tuple[Any, Any]:
+    """The two angular bins next to each position, and their factors with the aperture's middle as origin, [2, K]."""
+    bins = np.floor(position).astype(int) + np.arange(2)[:, None]
+    return bins % n_views, (1 - np.abs(position - bins)) * np.exp(1j * np.pi * bins * (n_views - 1) / n_views)
+
+
+@torch.no_grad()
+def seconds(runs: Mapping[str, Callable[[], object]], views: Tensor, n_rounds: int = 3) -> pd.Series:
+    """Median times, taken in turns with NumPy's 4-D FFT of the views; the first round warms up."""
+    watches = {name: functools.partial(timing.seconds, run, CPU) for name, run in runs.items()}
+    watches[timing.FFT] = functools.partial(timing.numpy_fft_time, views)
+    return pd.DataFrame(timing.in_turns(watches, range(n_rounds), warmup=1)).median()
+
+
+def timed_views() -> Tensor:
+    """Views of a simulated light field to measure times with."""
+    return SimulatedSource(1, 7, RandomScenes(Camera(size=pages.SIZE))).light(0).views
+
+
+def times(methods: Mapping[str, Callable[[Tensor], object]]) -> dict[str, str]:
+    """Milliseconds of each method for one light field, and in brackets NumPy's 4-D FFTs of the same views, as text."""
+    views = timed_views()
+    spent = seconds({name: functools.partial(method, views) for name, method in methods.items()}, views)
+    return {name: f"{1e3 * spent[name]:,.0f} ({spent[name] / spent[timing.FFT]:.2f})" for name in methods}
+
+
+def speed() -> Iterator[str]:
+    """Times as the paper measures them, and from disk to pictures; slow methods take turns in fewer rounds."""
+    views = timed_views()
+    nets = {"RefNet": "refnet", "RefNet, small": "refnet_small"}
+    built = {name: configs.build(pages.composed("train", f"net={file}").net) for name, file in nets.items()}
+    slow = [OperatorRefocuser("fourier_slice_numpy", fourier_slice_numpy)]
+    slow += [NetworkRefocuser(network, PLANES, name) for name, network in built.items()]
+    quick = [CLASSICAL[name] for name in (RIVAL, *LABELS, "shift_and_sum_through_cells", "occlusion_aware")]
+    one: dict[str, float] = {}
+    yield from pages.head("method", "one light field, s", "in FFTs", "from disk to pictures, s", "in FFTs")
+    with tempfile.TemporaryDirectory() as folder:
+        field = write.write(Path(folder) / "field", LightField(views))
+
+        def from_disk(method: Refocuser) -> None:
+            write.write_stack(Path(folder) / method.name, method(read(field), PLANES.slopes), PLANES)
+
+        for methods, n_rounds in ((quick, 6), (slow, 2)):
+            runs: dict[str, Callable[[], object]] = {
+                each.name: functools.partial(each, views, PLANES.slopes) for each in methods
+            }
+            runs |= {f"{each.name} from disk": functools.partial(from_disk, each) for each in methods}
+            spent = seconds(runs, views, n_rounds)
+            fft = spent[timing.FFT]
+            for name in (each.name for each in methods):
+                one[name], disk = spent[name] / fft, spent[f"{name} from disk"]
+                yield row(name, f"{spent[name]:.3f}", f"{one[name]:.3f}", f"{disk:.2f}", f"{disk / fft:.2f}")
+    yield ""
+    size = "x".join(map(str, pages.SIZE))
+    yield f"Light fields of 7x7x3x{size}, 16 planes, float32; NumPy's FFT of one takes {fft:.2f} s."
+    yield "Disk: 49 PNG files, in the system's cache, to 16. Shift-and-sum makes all planes"
+    yield f"{1 / one['shift_and_sum']:.0f} times faster than the FFT; RefNet takes {one['RefNet']:.1f} FFTs."
+    yield f"{pages.this_machine()}; medians."
+
+
+COLOURS = {
+    RIVAL: GREY,
+    "shift_and_sum": BLUE,
+    "fourier_slice": RED,
+    "occlusion_aware": BLACK,
+    **dict(zip(NETWORKS.values(), (CYAN, MAGENTA, TEAL), strict=True)),
+}
+
+
+def scatter(rows: pd.DataFrame) -> Figure:
+    """The paper's figure, a point a scene: networks by their own labels, and all methods by the truth."""
+    points = rows.groupby([*KEYS, "light_field"])[["psnr_db", "ssim"]].mean()
+    own = [(NETWORKS[label], label) for label in LABELS]
+    panels = {
+        "as the paper: by their own labels": [(RIVAL, "shift_and_sum"), *own],
+        "by the truth": [(method, TRUTH) for method in COLOURS],
+    }
+    figure = drawing.new_figure(pictures.WIDTH, 3.6)
+    for axes, (title, pairs) in zip(figure.subplots(1, 2), panels.items(), strict=True):
+        for method, reference in pairs:
+            look = {"color": COLOURS[method], "marker": "^" if method in OWN else "o", "label": method}
+            of_pair = points.loc[method, reference]
+            axes.plot(of_pair["ssim"], of_pair["psnr_db"], linestyle="", markersize=3.5, alpha=0.75, **look)
+        pictures.label(axes, tables.heading("mssim"), tables.heading("mpsnr_db"), title)
+    handles = {line.get_label(): line for axes in figure.axes for line in axes.get_lines()}
+    figure.legend(handles=[*handles.values()], loc="outside lower center", ncols=3, frameon=False, fontsize=7)
+    return figure
+
+
 def main() -> None:
     """Train what is missing, evaluate, draw; then fill the pages, or print their lines."""
     parser = argparse.ArgumentParser(description="The paper's claims, measured.")
-    parser.add_argument("overrides", nargs="*", help="of lfref train, for networks that are missing")
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the results")
-    parser.add_argument("--weights", type=Path, default=experiments.WEIGHTS, help="folder of the networks")
     parser.add_argument("--network", action="append", default=[], metavar="LABEL=PATH", help="another run or file")
     parser.add_argument("--scenes", nargs="+", default=list(sim30.SCENES), help="of sim30")
-    parser.add_argument("--seeds", type=int, default=1, help="how many networks of each label source")
+    parser.add_argument("--speed", action="store_true", help="measure only times, and fill their table")
     options = parser.parse_args()
-    paths = experiments.runs(options.seeds, options.weights)
-    paths |= {label: [Path(path)] for label, _, path in (each.partition("=") for each in options.network)}
-    for label, seed, folder in ((label, seed, path) for label, own in paths.items() for seed, path in enumerate(own)):
-        if folder.parent == options.weights:
-            training.train(folder, [*experiments.RECIPES[label], f"seed={seed}", *options.overrides])
-    networks = experiments.networks(paths)
+    if options.speed:
+        pages.fill({"paper_speed": speed()})
+        return
+    paths = {label: WEIGHTS / label for label in NETWORKS}
+    paths |= {label: Path(path) for label, _, path in (each.partition("=") for each in options.network)}
+    networks = []
+    for label, path in paths.items():
+        if path.parent == WEIGHTS:
+            train(path, RECIPES[label])
+        networks.append(load(path))
+        networks[-1].name = NETWORKS[label]
     methods = [*(CLASSICAL[name] for name in METHODS), *networks]
-    rows = experiments.plane_rows(experiments.cases(options.scenes, PLANES), methods, LABELS)
+    rows = plane_rows(cases(options.scenes), methods, LABELS)
     tables.write_table(options.runs / "planes.csv", rows)
-    scores = scored(rows)
-    first = [network for network in networks if network.name.endswith(f"{SEED}0")]
-    timed = [CLASSICAL[name] for name in METHODS] + first
-    calls = {each.name.partition(SEED)[0]: functools.partial(each, slopes=PLANES.slopes) for each in timed}
-    times = experiments.times(calls)
+    by_pair = scores(rows)
+    spent = times({each.name: functools.partial(each, slopes=PLANES.slopes) for each in methods})
+    pairs = [(method, label) for label in LABELS for method in (RIVAL, NETWORKS[label])]
+    pairs += [(method, TRUTH) for method in (*METHODS, *OWN)]
     lines = {
-        "paper_claims": claims(rows, scores, times),
-        "paper_quality": table(scores, [*BY_LABELS, *BY_TRUTH], QUALITY, times),
-        "paper_colour": table(scores, [*BY_LABELS, *BY_TRUTH], COLOUR, times),
+        "paper_claims": claims(rows, by_pair, spent),
+        "paper_quality": table(by_pair, pairs, QUALITY, spent),
+        "paper_colour": table(by_pair, pairs, COLOUR, spent),
         "paper_planes": planes(rows),
+        "paper_scatter": ["![MPSNR against MSSIM, a point a scene](pictures/paper_scatter.png)"],
     }
-    texts = {name: "\n".join(of_table) for name, of_table in lines.items()}
     is_ours = options.runs == RUNS
-    pictures = markers.ROOT / "docs" / "pictures" if is_ours else options.runs / "pictures"
-    drawn = {
-        "paper_scatter.png": paper_pictures.scatter(rows),
-        "paper_comparison.jpg": paper_pictures.comparison(first),
-    }
-    for name, figure in drawn.items():
-        sheets.save(figure, pictures / name)
-        texts[Path(name).stem] = f"![{paper_pictures.CAPTIONS[name]}](pictures/{name})"
+    pictures.save(scatter(rows), (pages.PICTURES if is_ours else options.runs) / "paper_scatter.png")
     if is_ours:
-        markers.fill(texts)
+        pages.fill(lines)
     else:
-        print(*(f"{name}\n{text}\n" for name, text in texts.items()), sep="\n")
+        print(*(f"{name}\n" + "\n".join(of_table) + "\n" for name, of_table in lines.items()), sep="\n")
 
 
 if __name__ == "__main__":

@@ -1,182 +1,173 @@
-"""Many light fields: what `lfref refocus` takes for them in time and memory.
+"""Many light fields, and long trainings: what a stream takes, and what options of `lfref train` do to a step's time.
 
-`python benchmarks/scale.py` measures on simulated captures and leaves `runs/figures/scale/scale.json`, from which
-`benchmarks/measure.py streams` makes the table of the page on deployment.
+`scale.py streams` refocuses simulated captures. `scale.py steps` takes turns with precision, memory layout and
+compiling, on a GPU if there is one. Both leave tables in `runs/figures/scale`; `figures.py` puts them into the pages.
 """
 
 import argparse
+import functools
 import json
-import os
 import resource
 import shutil
 import statistics
 import subprocess
-import sys
 import tempfile
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import pages
 import torch
+import torch._dynamo
+import torch._inductor.config
+from pages import CPU, SIZE
 
 from lfref.bench import timing
-from lfref.cli import main as commands
-from lfref.cli import steps
-from lfref.geometry import planes_at_alphas
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.cli import config as configs
+from lfref.cli import train
+from lfref.io import atomic
 
-RUN = Path(__file__).resolve().parents[1] / "runs" / "figures" / "scale"
-SCENES, FEW, MANY, TIMED = 5, 5, 50, 30
-"""Light fields that are painted; captures, copies of these, of a short and of a long run, and of one step by step."""
-SIZE = (375, 540)
-PLANES = planes_at_alphas(step / 8 for step in range(1, 17))
-FIELDS, ROUNDS = 40, 5
+RUN = pages.FIGURES / "scale"
+
+# Streams of light fields
+
+SCENES, FEW, MANY = 5, 5, 50
+"""Light fields that are painted; captures, copies of these, of a short and of a long run."""
 WORDS = ["correct=auto", "planes=auto"]
-STEP_BY_STEP = "step-by-step"
-STAGES = ("reading", "correcting", "refocusing", "writing")
-"""Steps of `lfref refocus`."""
 
 
-def simulate_captures(folder: Path) -> dict[int, Path]:
-    """Folders of so many simulated captures, as 8-bit views."""
-    size = f"scene.camera.size=[{SIZE[0]},{SIZE[1]}]"
-    _lfref("simulate", f"output={folder}/scenes", f"n_fields={SCENES}", size, "outputs=[views]")
-    scenes = sorted((folder / "scenes").glob("simulated_*"))
-    assert len(scenes) == SCENES
-    folders = {}
-    for count in (FEW, TIMED, MANY):
-        folders[count] = folder / f"captures_{count}"
-        for n in range(count):
-            shutil.copytree(scenes[n % SCENES], folders[count] / f"capture_{n}")
-    return folders
+def measure_streams(place: Path | None) -> None:
+    """Runs of few and of many captures, each a process of its own, and light fields in memory."""
+    figures: dict[str, Any] = timing.facts(CPU)
+    with tempfile.TemporaryDirectory(dir=place) as folder:
+        pages.lfref(
+            "simulate",
+            f"output={folder}/scenes",
+            f"n_fields={SCENES}",
+            f"scene.camera.size={[*SIZE]}",
+            "outputs=[views]",
+        )
+        scenes = sorted(path for path in Path(folder, "scenes").glob("simulated_*") if path.is_dir())
+        runs = {}
+        for count in (FEW, MANY):
+            for n in range(count):
+                shutil.copytree(scenes[n % SCENES], Path(folder, f"captures_{count}", f"capture_{n}"))
+            words = [*pages.LFREF, "refocus", f"{folder}/captures_{count}", f"output={folder}/out_{count}", *WORDS]
+            runs[count] = _measured(words)
+    (few_s, figures["few_mb"], few_spent), (many_s, figures["many_mb"], many_spent) = runs.values()
+    figures["seconds_each"] = (many_s - few_s) / (MANY - FEW)
+    figures["processor_seconds_each"] = (many_spent - few_spent) / (MANY - FEW)
+    atomic.write_text(RUN / "streams.json", json.dumps(figures, indent=1))
 
 
-def measure_streams(captures: dict[int, Path], folder: Path) -> dict[str, float]:
-    """Runs of few and of many captures, each a process of its own, and of every step alone."""
-    few, many = (_measure("refocus", captures[n], f"output={folder}/out_{n}", *WORDS) for n in (FEW, MANY))
-    process = subprocess.run(
-        [sys.executable, __file__, STEP_BY_STEP, str(captures[TIMED]), str(folder / "out_alone")],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    times = json.loads(process.stdout.splitlines()[-1])
-    return {
-        "few_mb": few[1],
-        "many_mb": many[1],
-        "seconds_each": (many[0] - few[0]) / (MANY - FEW),
-        "processor_seconds_each": (many[2] - few[2]) / (MANY - FEW),
-        **{f"{name}_s": value for name, value in times.items()},
-    }
-
-
-def time_steps(captures: Path, output: Path) -> None:
-    """Print the median time of each step of `lfref refocus`, one capture and one step after the other."""
-    times: dict[str, list[float]] = defaultdict(list)
-
-    def each(paths: dict[str, Path], parts: dict[str, Callable[[str, Any], Any]], what: str) -> None:
-        for name, result in paths.items():
-            for stage, step in parts.items():
-                start = time.perf_counter()
-                result = step(name, result)
-                times[stage].append(time.perf_counter() - start)
-
-    steps.process = each
-    sys.argv = ["lfref", "refocus", str(captures), f"output={output}", *WORDS]
-    commands.main()
-    # The first one compiles.
-    print(json.dumps({stage: statistics.median(seconds[1:]) for stage, seconds in times.items()}))
-
-
-def in_memory() -> float:
-    """Light fields in memory that shift-and-sum refocuses to 16 planes in a second, in the fastest round."""
-    views = [torch.rand(7, 7, 3, *SIZE) for _ in range(SCENES)]
-    best = 0.0
-    for _ in range(ROUNDS):
-        start = time.perf_counter()
-        for n in range(FIELDS):
-            shift_and_sum(views[n % SCENES], PLANES.slopes)
-        best = max(best, FIELDS / (time.perf_counter() - start))
-    return best
-
-
-def _lfref(*words: object) -> None:
-    subprocess.run([sys.executable, "-m", "lfref.cli.main", *map(str, words)], check=True)
-
-
-def _measure(*words: object) -> tuple[float, float, float]:
-    """Seconds, the most memory of its own that a command held, in MB, and seconds of all cores together.
+def _measured(command: Sequence[str]) -> tuple[float, float, float]:
+    """Seconds of a command, the most memory of its own that it held, in MB, and seconds of all cores together.
 
     Files that it looks into are not its own.
     """
-    start, spent, most = time.perf_counter(), _processor_seconds(), 0.0
-    process = subprocess.Popen([sys.executable, "-m", "lfref.cli.main", *map(str, words)], stderr=subprocess.DEVNULL)
-    while process.poll() is None:
-        most = max(most, _anonymous_mb(process.pid))
-        time.sleep(0.02)
+    before, start, most = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter(), 0.0
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        while process.poll() is None:
+            status = Path(f"/proc/{process.pid}/status").read_text().splitlines()
+            most = max([most, *(float(line.split()[1]) / 1000 for line in status if line.startswith("RssAnon"))])
+            time.sleep(0.02)
     if process.returncode:
-        raise SystemExit(f"failed: {' '.join(map(str, words))}")
-    return time.perf_counter() - start, most, _processor_seconds() - spent
-
-
-def _processor_seconds() -> float:
-    """Seconds that cores have worked for commands that are over."""
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
-
-
-def _anonymous_mb(pid: int) -> float:
-    try:
-        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    except OSError:
-        return 0.0
-    return sum(float(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1000
+        raise SystemExit(f"failed: {' '.join(command)}")
+    seconds, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return seconds, most, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def streams() -> Iterator[str]:
     """Memory and throughput of many captures."""
-    figures = json.loads((RUN / "scale.json").read_text())
-    slowest = max(STAGES, key=lambda stage: figures[f"{stage}_s"])
-    yield "| what | measured |"
-    yield "|---|---|"
-    yield f"| memory, {FEW} captures | {figures['few_mb']:.0f} MB |"
+    figures = json.loads((RUN / "streams.json").read_text())
+    spent, cores = figures["processor_seconds_each"], figures["cores"]
+    busy = 100 * spent / cores / figures["seconds_each"]
+    yield from pages.head("what", "measured")
+    yield pages.row(f"memory, {FEW} captures", f"{figures['few_mb']:.0f} MB")
     growth = figures["many_mb"] / figures["few_mb"]
-    yield f"| memory, {MANY} captures | {figures['many_mb']:.0f} MB, {growth:.2f} times |"
-    seconds = ", ".join(f"{figures[f'{stage}_s']:.2f}" for stage in STAGES)
-    yield f"| {', '.join(STAGES)} alone | {seconds} s |"
-    yield f"| all at once | {figures['seconds_each']:.2f} s a capture |"
-    share, spent = 100 * figures[f"{slowest}_s"] / figures["seconds_each"], figures["processor_seconds_each"]
-    busy = 100 * spent / figures["cores"] / figures["seconds_each"]
-    yield f"| work of all {figures['cores']} cores for it | {spent:.2f} s, which keeps them busy for {busy:.0f} % |"
-    yield f"| of the speed of the slowest step alone ({slowest}) | {share:.0f} % |"
-    yield f"| light fields in memory, 16 planes each | {figures['fields_per_second']:.1f} a second |"
+    yield pages.row(f"memory, {MANY} captures", f"{figures['many_mb']:.0f} MB, {growth:.2f} times")
+    yield pages.row("reading, correcting, refocusing, writing", f"{figures['seconds_each']:.2f} s a capture")
+    yield pages.row(f"work of all {cores} cores for it", f"{spent:.2f} s, which keeps them busy for {busy:.0f} %")
     yield ""
     yield f"Simulated captures of 7x7 views of {SIZE[0]}x{SIZE[1]} pixels ({SCENES} scenes, copied), as PNG;"
-    yield f"`lfref refocus FOLDER {' '.join(WORDS)}`. In memory: `shift_and_sum`, the paper's planes,"
-    yield f"float32. {figures['processor']}, {figures['threads']} threads."
+    yield f"`lfref refocus FOLDER {' '.join(WORDS)}`. {pages.machine(figures)}."
 
 
-IS_MEASURED = (RUN / "scale.json").is_file()
-TABLES: dict[str, Callable[[], Iterator[str]]] = {"streams": streams} if IS_MEASURED else {}
+# Steps of a training
+
+PLAIN = "as it is"
+OPTIONS: dict[str, tuple[str, ...]] = {
+    PLAIN: (),
+    "`channels_last=true`": ("channels_last=true",),
+    "`compile=true`": ("compile=true",),
+    "both": ("channels_last=true", "compile=true"),
+    "`trainer.precision=bf16-mixed`": ("trainer.precision=bf16-mixed",),
+    "bf16-mixed and both": ("trainer.precision=bf16-mixed", "channels_last=true", "compile=true"),
+}
+BATCH, TURNS = 4, 12
+NETS, PATCH = {"cpu": "refnet_small", "cuda": "refnet"}, {"cpu": 64, "cuda": 192}
+"""By the device: a processor takes minutes for a step of the whole RefNet. Side of the crops: the paper's on a GPU."""
+
+
+def step(overrides: Sequence[str], device: torch.device) -> Callable[[], None]:
+    """A step of a training: loss, gradients and optimiser, on random views."""
+    config = pages.composed("train", *overrides)
+    module = train.build_module(config, configs.build(config.data)).to(device)
+    optimizer = module.configure_optimizers()["optimizer"]
+    patch = PATCH[device.type]
+    views = torch.rand(BATCH, 7, 7, 3, patch, patch, device=device)
+    labels = torch.rand(BATCH, len(module.planes), 3, patch, patch, device=device)
+    is_half = "bf16" in str(config.trainer.precision)
+
+    def run() -> None:
+        with torch.autocast(device.type, torch.bfloat16, enabled=is_half):
+            loss = module.loss(module.net(views), labels)
+        loss.backward()
+        optimizer.step()
+        optimizer.zero_grad()
+
+    return run
+
+
+def measure_steps(device: torch.device) -> None:
+    """Median seconds of a step by each option, taken in turns, and those of the first one, which compiles."""
+    # All networks share the code of their class, of which PyTorch compiles 8 variants and then silently stops.
+    torch._dynamo.config.recompile_limit = len(OPTIONS) + 8
+    torch._inductor.config.force_disable_caches = True  # else a second run would compile nothing
+    steps = {name: step([f"net={NETS[device.type]}", *words], device) for name, words in OPTIONS.items()}
+    watches = {name: functools.partial(timing.seconds, run, device) for name, run in steps.items()}
+    first = {name: watch() for name, watch in watches.items()}
+    spent = timing.in_turns(watches, range(TURNS), 2)
+    figures: dict[str, Any] = timing.facts(device) | {"first_s": first}
+    figures["step_s"] = {name: statistics.median(times) for name, times in spent.items()}
+    atomic.write_text(RUN / f"steps_{device.type}.json", json.dumps(figures, indent=1))
+
+
+def steps_table(device: str) -> Iterator[str]:
+    """Steps on the `cpu` or `cuda` relative to the plain one."""
+    figures = json.loads((RUN / f"steps_{device}.json").read_text())
+    yield from pages.head("time of a step", f"`net={NETS[device]}`", "first step, s")
+    plain = figures["step_s"][PLAIN]
+    for name, seconds in figures["step_s"].items():
+        cell = f"{plain:.2g} s" if name == PLAIN else f"{seconds / plain:.2f} x"
+        yield pages.row(name, cell, f"{figures['first_s'][name]:.0f}")
+    yield ""
+    yield f"Loss, gradients and optimiser on {BATCH} crops of {PATCH[device]} pixels of 7x7 views, the paper's planes,"
+    yield f"median of {TURNS} rounds taken in turns; {figures['device']}, {pages.machine(figures)}."
 
 
 def main() -> None:
-    """Measure, and write `scale.json`."""
-    if sys.argv[1:2] == [STEP_BY_STEP]:
-        time_steps(Path(sys.argv[2]), Path(sys.argv[3]))
-        return
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--on", type=Path, default=None, help="a disk with 20 GB")
-    with tempfile.TemporaryDirectory(dir=parser.parse_args().on) as name:
-        folder = Path(name)
-        figures: dict[str, Any] = {"fields_per_second": in_memory()}
-        captures = simulate_captures(folder)
-        figures |= measure_streams(captures, folder)
-    facts = timing.facts(torch.device("cpu"))
+    """Measure one of both."""
+    parser = argparse.ArgumentParser(description="Many light fields, and long trainings.")
+    parser.add_argument("what", choices=["streams", "steps"])
+    parser.add_argument("--on", type=Path, help="for streams: a disk with 20 GB")
+    options = parser.parse_args()
     RUN.mkdir(parents=True, exist_ok=True)
-    figures |= {"processor": facts["processor"], "threads": facts["threads"], "cores": os.cpu_count()}
-    (RUN / "scale.json").write_text(json.dumps(figures, indent=1))
-    print(json.dumps(figures, indent=1))
+    if options.what == "streams":
+        measure_streams(options.on)
+    else:
+        measure_steps(torch.device("cuda" if torch.cuda.is_available() else "cpu"))
 
 
 if __name__ == "__main__":

@@ -5,10 +5,11 @@ mkdocs calls the functions named `on_...`; a warning that they log fails the bui
 
 import ast
 import html
-import importlib.util
+import importlib
 import logging
 import os
 import re
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -71,7 +72,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         for pattern in PUBLISHED
         for path in sorted(ROOT.glob(pattern))
     ]
-    living = script("living")
+    living = script("page")
     living.make()
     shown = {LIVING: living.PAGE, CARD: living.CARD}
     pages += [File.generated(config, name, abs_src_path=str(path)) for name, path in shown.items()]
@@ -138,13 +139,9 @@ def site_address() -> str | None:
 
 
 def script(name: str) -> ModuleType:
-    """A script of this folder as a module."""
-    found = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
-    assert found is not None
-    assert found.loader is not None
-    module = importlib.util.module_from_spec(found)
-    found.loader.exec_module(module)
-    return module
+    """A script of the benchmarks as a module."""
+    sys.path.append(str(ROOT / "benchmarks"))
+    return importlib.import_module(name)
 
 
 def described() -> list[str]:

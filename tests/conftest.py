@@ -1,9 +1,7 @@
 """Shared by all tests: a fixed seed, which tests this machine skips, a browser, and where the real capture lies."""
 
-import importlib.util
 import os
 import shutil
-import sys
 from pathlib import Path
 
 import hypothesis
@@ -20,13 +18,6 @@ torch.set_num_threads(1)
 hypothesis.settings.register_profile("repeatable", derandomize=True)
 hypothesis.settings.register_profile("fuzz", print_blob=True)
 hypothesis.settings.load_profile("repeatable")
-
-# OpenVINO brings absl, whose log handler closes what was standard error when it was imported if that is another one
-# by then: here pytest's capture.
-if importlib.util.find_spec("absl") is not None:
-    from absl import logging as absl_logging
-
-    absl_logging.get_absl_handler().python_handler.stream = sys.__stderr__
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -1,6 +1,5 @@
 """The pages keep their word: pictures and pages that they link exist, code runs as written, pictures can be drawn."""
 
-import importlib.util
 import re
 import subprocess
 import sys
@@ -16,12 +15,10 @@ CODE = re.compile(r"^```.*?^```$|^ {4,}.*?$|`[^`\n]*`", re.MULTILINE | re.DOTALL
 LINK = re.compile(r"\]\(([^)#:]*)(?:#([^)]*))?\)")
 REFOCUSING, SIMULATOR = (ROOT / "docs" / f"{name}.md" for name in ("refocusing", "simulator"))
 LARGEST, LARGEST_FILM = 120_000, 2_000_000  # bytes of a picture, of the README's film
-PLOTS = {  # drawn from what runs have left
-    "accuracy_time.png": "figures/bench",
-    "causes.png": "figures/causes",
-    "page.jpg": "figures/browsing/page.png",
-    **dict.fromkeys(("paper_scatter.png", "paper_comparison.jpg"), "paper/planes.csv"),
-}
+PLOTS = {"accuracy_time.png": "bench", "causes.png": "causes", "stability.png": "stability"}
+"""What is drawn from tables that runs have left."""
+OF_OTHERS = {"refnet_capture.jpg", "page.jpg", "paper_scatter.png"}
+"""What other scripts draw, of a capture, a browser or trained networks."""
 
 
 def anchors(text: str) -> set[str]:
@@ -80,12 +77,11 @@ def test_the_code_of_the_page_on_the_simulator_runs_as_written():
 
 @pytest.mark.slow
 def test_all_pictures_of_the_pages_are_drawn(tmp_path):
-    subprocess.run([sys.executable, ROOT / "benchmarks" / "pictures.py", "--output", tmp_path], check=True, cwd=tmp_path)
+    subprocess.run(
+        [sys.executable, ROOT / "benchmarks" / "pictures.py", "--output", tmp_path], check=True, cwd=tmp_path
+    )
     drawn = {path.name for path in tmp_path.iterdir()}
     linked = {name for page in PAGES for name in re.findall(r"\(pictures/(.*?)\)", page.read_text("utf-8"))}
-    linked.remove("refnet_capture.jpg")  # benchmarks/weights.py draws it of a capture that is no part of lfref
-    if importlib.util.find_spec("mitsuba") is None:
-        linked.remove("simulator_mitsuba.jpg")
-    linked -= {plot for plot, run in PLOTS.items() if not (ROOT / "runs" / run).exists()}
-    assert drawn == linked
+    missing = {plot for plot, run in PLOTS.items() if not (ROOT / "runs" / "figures" / run).exists()}
+    assert drawn == linked - OF_OTHERS - missing
     assert all((tmp_path / name).stat().st_size <= LARGEST for name in drawn)

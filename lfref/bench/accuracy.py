@@ -17,8 +17,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from lfref import geometry
-from lfref.errors import InputError, counted
+from lfref.errors import InputError
 from lfref.functional.psnr import image_pair, psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import FocalPlanes
@@ -47,13 +46,7 @@ def plane_names(planes: FocalPlanes) -> list[Row]:
 def plane_rows(
     light_field: str, stacks: Mapping[str, Tensor], labels: Mapping[str, Tensor], planes: FocalPlanes
 ) -> Iterator[Row]:
-    """Compare every stack (by method) with every label (by source), over the whole frame as the paper does.
-
-    Args:
-        light_field: Name of the light field.
-        stacks: Stack of each method, [N, C, H, W].
-        labels: Label of each source, [N, C, H, W].
-        planes: The N planes.
+    """Compare every stack [N, C, H, W] (by method) with every label (by source), over the whole frame as in the paper.
 
     Yields:
         Rows `light_field, method, reference, alpha, slope, psnr_db, ssim, colour_error`, one per plane.
@@ -79,11 +72,10 @@ SUMMARY_KEYS = ["light_field", "method", "reference"]
 
 
 def summaries(planes: pd.DataFrame) -> pd.DataFrame:
-    """MPSNR and MSSIM, means of `plane_rows` over planes (the paper's Eq. 4-5), both also without slope 0.
+    """Means of `plane_rows` over planes (the paper's Eq. 4-5), also without slope 0, beside the share `explained`.
 
-    Returns:
-        Columns `light_field, method, reference, mpsnr_db, mssim, nonzero_mpsnr_db, nonzero_mssim`, those of
-        `explained`, and `colour_error`, a mean over planes.
+    Columns `light_field, method, reference, mpsnr_db, mssim, nonzero_mpsnr_db, nonzero_mssim`, those of `explained`,
+    and `colour_error`.
     """
     groups, nonzero = (rows.groupby(SUMMARY_KEYS, sort=False) for rows in (planes, planes[planes["slope"] != 0]))
     means = groups.agg(mpsnr_db=("psnr_db", "mean"), mssim=("ssim", "mean"))
@@ -102,8 +94,8 @@ def explained(planes: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
         keys: Columns that tell one sum from another, `method` among them.
 
     Returns:
-        Columns `explained`, `explained_near`, `explained_wide`, of all planes and those of two `GROUPS`, by the keys;
-        NaN where there is no such plane or no `mean_of_views`.
+        Columns `explained`, `explained_near`, `explained_wide` by the keys; NaN without such a plane or
+        `mean_of_views`.
     """
     # A PSNR that is not a number is worse than any number.
     errors = planes.assign(error=10 ** (-planes["psnr_db"].fillna(-math.inf) / 10))
@@ -122,24 +114,11 @@ def without_border(stack: Tensor, margin: int) -> Tensor:
     return stack[..., margin : stack.shape[-2] - margin, margin : stack.shape[-1] - margin]
 
 
-def interior(stack: Tensor, slopes: Tensor, grid: tuple[int, int]) -> Tensor:
-    """The part of a stack [..., H, W] that every view covers at every plane, whatever the border rule."""
-    return without_border(stack, math.ceil(geometry.corner_shift(slopes, grid)))
-
-
-def interior_errors(stack: Tensor, reference: Tensor, slopes: Tensor, grid: tuple[int, int]) -> dict[str, float]:
-    """`psnr_db` (mean over planes) and `max_error` of a stack [N, C, H, W] where every view covers every plane."""
-    inner, right = interior(stack, slopes, grid), interior(reference, slopes, grid)
-    return {"psnr_db": float(psnr(inner, right).mean()), "max_error": float((inner - right).abs().max())}
-
-
 class DisplayedStack(NamedTuple):
-    """A stack in two forms: encoded for a screen, and in linear light, in which colours are compared."""
+    """A stack [N, C, H, W] encoded for a screen, and in linear light, in which colours are compared."""
 
     encoded: Tensor
-    """Stack encoded for a screen, [N, C, H, W]."""
     linear: Tensor
-    """Stack in linear light, [N, C, H, W]."""
 
     def inside(self, margin: int) -> "DisplayedStack":
         """The stack without a border of `margin` pixels."""
@@ -175,25 +154,11 @@ SRGB_TO_XYZ = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.11
 
 
 def colour_difference(prediction: Tensor, target: Tensor) -> Tensor:
-    """Delta E 2000 of every pixel; 1 is about the smallest difference that people see side by side.
+    """Delta E 2000 of every pixel, of two pictures in linear sRGB, clipped to [0, 1]: [..., 3, H, W] -> [..., H, W].
 
-    Args:
-        prediction: Linear sRGB, clipped to [0, 1], [..., 3, H, W].
-        target: Linear sRGB of the same shape.
-
-    Returns:
-        Differences, at least 0, [..., H, W].
-
-    Raises:
-        InputError: The images are not comparable, or do not have three channels.
-
-    Example:
-        >>> colour_difference(torch.ones(3, 1, 1), torch.zeros(3, 1, 1))
-        tensor([[100.]])
+    A difference of 1 is about the smallest that people see side by side.
     """
     prediction, target = image_pair(prediction, target)
-    if prediction.shape[-3] != 3:
-        raise InputError("colour differences need three channels", got=counted(prediction.shape[-3], "channel"))
     return delta_e_2000(lab(prediction.clamp(0, 1)), lab(target.clamp(0, 1)))
 
 
@@ -241,8 +206,8 @@ def _saturation(C: Tensor) -> Tensor:
 
 
 def _sin(degrees: Tensor) -> Tensor:
-    return torch.sin(degrees * (math.pi / 180))
+    return torch.deg2rad(degrees).sin()
 
 
 def _cos(degrees: Tensor) -> Tensor:
-    return torch.cos(degrees * (math.pi / 180))
+    return torch.deg2rad(degrees).cos()

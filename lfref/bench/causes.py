@@ -99,9 +99,6 @@ def rows(scenes: Iterable[Scene], remedies: Sequence[Refocuser], settings: Cause
     Yields:
         Rows `cause, scene, method, is_base, alpha, slope, psnr_db, cost_db, alone_db, won_db`, one per plane; slopes
         are those of the scene's own views.
-
-    Raises:
-        InputError: An aperture is round, or pictures are too small.
     """
     for scene in scenes:
         accuracy.check_margin(settings.margin, scene.camera.size)
@@ -161,11 +158,7 @@ def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
 def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_points: int) -> Tensor:
     """The plane at a slope as the mean of sharp pictures through points of the aperture, [3, H, W].
 
-    Args:
-        layers: Layers from far to near, painted for a reach of |slope|.
-        camera: The lens and the size of the picture.
-        slope: Slope in pixels per view step.
-        n_points: Number of points along each side of the square about the aperture.
+    Layers are painted for a reach of |slope|; `n_points` lie along each side of the square about the aperture.
     """
     shares = (torch.arange(n_points, dtype=torch.float64) + 0.5) / n_points - 0.5
     total, count = torch.zeros(3, *camera.size, dtype=torch.float64), 0
@@ -191,12 +184,9 @@ def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:
 
 
 def summary(rows: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Means of `rows` over scenes, and over planes unless `keys` name their columns.
+    """Means of `rows` over scenes, and over planes unless `keys` name their columns; and the number of `scenes`.
 
     In means, `psnr_db` and `alone_db` count by at most `MEAN_CAP_DB`; the differences `cost_db` and `won_db` are whole.
-
-    Returns:
-        Columns `cause, method, is_base, *keys, psnr_db, cost_db, alone_db, won_db, scenes`.
     """
     in_db = ["psnr_db", "alone_db"]
     counted = rows.assign(**rows[in_db].clip(upper=evaluation.MEAN_CAP_DB))

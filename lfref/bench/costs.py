@@ -18,7 +18,6 @@ from torch import Tensor
 from lfref import geometry
 from lfref.bench import timing
 from lfref.bench.timing import FFT
-from lfref.errors import InputError
 from lfref.functional.fft_lengths import is_fast
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
@@ -28,14 +27,7 @@ from lfref.refocuser.refocuser import Refocuser
 def times(
     methods: Sequence[Refocuser], fields: Sequence[LightField], slopes: Tensor, rounds: Iterable[int], warmup: int = 0
 ) -> pd.DataFrame:
-    """Time all methods and NumPy's 4-D FFT in turns, on every light field.
-
-    Args:
-        methods: On the device of the light fields.
-        fields: Light fields.
-        slopes: Slopes in pixels per view step, [N].
-        rounds: One item per round.
-        warmup: Number of first rounds that do not count.
+    """Time all methods and NumPy's 4-D FFT in turns, on every light field; the first rounds, `warmup`, do not count.
 
     Returns:
         Columns `method, median_s, p10_s, p90_s, numpy_ffts`, the FFT's row first; `numpy_ffts` is a ratio of medians.
@@ -81,11 +73,6 @@ class Scales:
     """Numbers of view rows, and as many columns."""
     planes: Sequence[int]
     """Numbers of planes."""
-
-    def __post_init__(self) -> None:
-        for name, steps in vars(self).items():
-            if len(set(steps)) < 2 or min(steps) <= 0:
-                raise InputError(f"{name} must be at least two sizes above 0", got=list(steps))
 
     def sizes(self, field: Size) -> dict[str, list[Size]]:
         """Axis -> its sizes, with the field's own sizes along the other two axes.

@@ -92,13 +92,13 @@ class EvaluationCase:
         return DisplayedStack(stack, self.encoding.decode(stack))
 
 
-def ideal_case(scene: Scene, slopes: Tensor, device: torch.device) -> EvaluationCase:
+def ideal_case(scene: Scene, slopes: Tensor, device: torch.device, kind: str = IDEAL) -> EvaluationCase:
     """Views and truth of a scene without its sensor, the truth at these slopes [N]."""
     simulated = simulate(replace(scene, sensor=Sensor()), slopes=slopes)
     assert simulated.views is not None
     assert simulated.truth is not None
     light, aperture = LightField(simulated.views, scene.name), APERTURES[scene.camera.aperture]
-    return EvaluationCase(IDEAL, light.to(device), simulated.truth.to(device), TRUTH, aperture)
+    return EvaluationCase(kind, light.to(device), simulated.truth.to(device), TRUTH, aperture)
 
 
 def scene_cases(
@@ -107,13 +107,7 @@ def scene_cases(
     """Scenes with their truth: each scene without its sensor; a scene that has one also with it, and corrected.
 
     With a sensor, the truth is developed as the views are: its exposure, clipping, colours and tone curve are no errors
-    of refocusing.
-
-    Args:
-        scenes: Scenes of any grid and size.
-        slopes: Slopes in pixels per view step, [N].
-        device: Where views and truth go.
-        correction: One of `CORRECTIONS`.
+    of refocusing. The correction is one of `CORRECTIONS`.
     """
     for scene in scenes:
         ideal = ideal_case(scene, slopes, device)
@@ -131,23 +125,12 @@ def scene_cases(
             yield replace(case, kind=CORRECTED, light=correct_by_option(light, AUTO, white, EVEN_GRID)[0])
 
 
-def aliased_cases(scenes: Iterable[Scene], slopes: Tensor, device: torch.device) -> Iterator[EvaluationCase]:
-    """Scenes of aliased textures, without their sensors, with their truth at these slopes [N]."""
-    for scene in scenes:
-        yield replace(ideal_case(scene, slopes, device), kind=ALIASED)
-
-
 def wide_cases(scenes: Iterable[Scene], device: torch.device) -> Iterator[EvaluationCase]:
-    """Scenes with their truth at planes of their own, from the farthest to the nearest of their surfaces.
-
-    Args:
-        scenes: Of any grid and size, without a sensor.
-        device: Where views and truth go.
-    """
+    """Scenes with their truth at planes of their own, from the farthest to the nearest of their surfaces."""
     for scene in scenes:
         ends = [end for surface in scene.surfaces for end in surface.geometry.disparity_range(scene.camera.size)]
         planes = even_planes(N_WIDE_PLANES, min(ends), max(ends))
-        yield replace(ideal_case(scene, planes.slopes, device), kind=WIDE, planes=planes)
+        yield replace(ideal_case(scene, planes.slopes, device, WIDE), planes=planes)
 
 
 def capture_cases(fields: Iterable[LightField], slopes: Tensor) -> Iterator[EvaluationCase]:
@@ -166,11 +149,7 @@ class AxisSplit(NamedTuple):
 
 
 def split_axis(n_views: int, step: int) -> AxisSplit:
-    """Keep every `step`-th view of an axis, as many as possible, so that sparse and dense views have the same centre.
-
-    Raises:
-        InputError: Fewer than two views are left.
-    """
+    """Keep every `step`-th view of an axis, as many as possible; sparse and dense views have the same centre."""
     n_sparse = (n_views - 1) // step + 1
     if step < 2 or n_sparse < 2:
         expected = "every second view or fewer must be kept, and two at least"
@@ -187,13 +166,7 @@ def split_axis(n_views: int, step: int) -> AxisSplit:
 def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> Iterator[EvaluationCase]:
     """Every `step`-th view of captures along both axes; the reference is the dense integral of all views.
 
-    Args:
-        fields: Captures with many views, linear, on the device of the computation.
-        step: Number of view steps from one kept view to the next, at least 2.
-        slopes: Slopes in pixels per step of the sparse views, [N].
-
-    Raises:
-        InputError: There are too few views.
+    Slopes [N] are in pixels per step of the sparse views.
     """
     integral = OperatorRefocuser(DENSE, dense_integral)
     for field in fields:
@@ -244,9 +217,6 @@ def evaluate(
 
     Yields:
         Rows `class, scene, method, reference, alpha, slope` and `COLUMNS`, one per plane.
-
-    Raises:
-        InputError: The border leaves no interior, or a method makes other planes.
     """
     for case in cases:
         accuracy.check_margin(margin, case.light.size)
@@ -259,12 +229,8 @@ def evaluate(
             stack = case.displayed(case.stack(method, own.slopes))
             measures = accuracy.plane_measures(stack, reference, margin)
             measures["exact_psnr_db"] = psnr(stack.inside(margin).encoded, exact).tolist()
-            names = {
-                "class": case.kind,
-                "scene": case.light.name,
-                "method": method.name,
-                "reference": case.reference_name,
-            }
+            names = {"class": case.kind, "scene": case.light.name, "method": method.name}
+            names["reference"] = case.reference_name
             for plane, *values in zip(accuracy.plane_names(own), *measures.values(), strict=True):
                 yield names | plane | dict(zip(measures, values, strict=True))
 

@@ -6,6 +6,7 @@ needs before its first plane.
 
 import os
 import platform
+import re
 import time
 from collections.abc import Callable, Iterable, Mapping
 from importlib import metadata
@@ -17,7 +18,6 @@ import torch
 from torch import Tensor
 
 Key = TypeVar("Key")
-Result = TypeVar("Result")
 
 FFT = "numpy_fft_4d"
 """Name of NumPy's 4-D FFT in tables."""
@@ -27,16 +27,11 @@ PACKAGES = ("torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba
 
 def seconds(run: Callable[[], object], device: torch.device) -> float:
     """Time of one run, from an idle device to an idle device."""
-    return result_and_seconds(run, device)[1]
-
-
-def result_and_seconds(run: Callable[[], Result], device: torch.device) -> tuple[Result, float]:
-    """Result and time of one run, from an idle device to an idle device."""
     _synchronize(device)
     start = time.perf_counter()
-    result = run()
+    run()
     _synchronize(device)
-    return result, time.perf_counter() - start
+    return time.perf_counter() - start
 
 
 def _synchronize(device: torch.device) -> None:
@@ -50,13 +45,7 @@ def in_turns(
 ) -> dict[Key, list[float]]:
     """Times from several rounds in which all take turns, so that a slow spell of a shared machine falls on all alike.
 
-    Args:
-        watches: Functions that make one run and return its seconds.
-        rounds: One item per round.
-        warmup: Number of first rounds that do not count.
-
-    Returns:
-        Seconds of the counted runs, in their order, under the keys of the watches.
+    Each watch makes one run and returns its seconds; the first rounds, `warmup`, do not count.
     """
     times: dict[Key, list[float]] = {key: [] for key in watches}
     for _ in rounds:
@@ -96,6 +85,5 @@ def version(package: str) -> str | None:
 def processor() -> str:
     """Name of the processor and its widest vector instructions."""
     listing = Path("/proc/cpuinfo")
-    lines = listing.read_text().splitlines() if listing.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return f"{names[0] if names else platform.processor()} ({torch.backends.cpu.get_cpu_capability()})"
+    name = re.search(r"model name\s*: (.*)", listing.read_text() if listing.is_file() else "")
+    return f"{name[1] if name else platform.processor()} ({torch.backends.cpu.get_cpu_capability()})"

@@ -32,18 +32,7 @@ from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser, name_apart
-from lfref.report import (
-    accuracy_time,
-    answers,
-    bench_plots,
-    crops,
-    drawing,
-    page,
-    plots,
-    sections,
-    stability_table,
-    tables,
-)
+from lfref.report import answers, crops, drawing, page, plots, sections, stability_table, tables
 from lfref.report.answers import Answer
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
@@ -105,7 +94,7 @@ def error_causes(config: DictConfig, folder: Path) -> None:
     written = {"causes": causes.summary(measured), "causes_by_plane": by_plane, "causes_by_scene": measured}
     for name, table in written.items():
         tables.write_table(folder / f"{name}.csv", table)
-    drawing.save_figure(bench_plots.error_causes(by_plane), folder / "causes.png")
+    drawing.save_figure(plots.error_causes(by_plane), folder / "causes.png")
     write_facts(folder, device, [], plan.planes, 1, sim30=sim30.VERSION, scenes=len(scenes), margin=margin)
     n_causes = measured["cause"].nunique()
     log.info("%s in %s: %s", counted(n_causes, "cause"), counted(len(scenes), "scene"), folder / "causes.csv")
@@ -142,10 +131,10 @@ def front(config: DictConfig, folder: Path) -> None:
     write_facts(
         folder, device, fields, planes, config.repeats, sim30=sim30.VERSION, aliased=sim30.VERSION_2, margin=margin
     )
-    if accuracy_time.has_plot(bench):
-        drawing.save_figure(accuracy_time.accuracy_time(bench), folder / "accuracy_time.png")
+    if plots.has_front(bench):
+        drawing.save_figure(plots.front(bench), folder / "accuracy_time.png")
     if not tables.judged_by_others(by_plane).empty:
-        drawing.save_figure(plots.psnr_by_plane(by_plane), folder / "by_plane.png")
+        drawing.save_figure(plots.by_plane(by_plane), folder / "by_plane.png")
     if (answer := answers.of_bench(bench, scenes)) is not None:
         again = captures or _scene_cases(config, planes, device, answer.worst)
         case = next(case for case in again if (case.kind, case.light.name) == (answer.kind, answer.worst))
@@ -179,7 +168,10 @@ def _scene_cases(
 
     return itertools.chain(
         evaluation.scene_cases(shown(common, "evaluating against the truth"), planes.slopes, device, config.correct),
-        evaluation.aliased_cases(shown(aliased, "evaluating aliased scenes"), planes.slopes, device),
+        (
+            evaluation.ideal_case(scene, planes.slopes, device, evaluation.ALIASED)
+            for scene in shown(aliased, "evaluating aliased scenes")
+        ),
         evaluation.wide_cases(shown(wide, "evaluating wide baselines"), device),
     )
 
@@ -232,7 +224,7 @@ def _write_crops(
 
 
 def time_operators(config: DictConfig, folder: Path) -> None:
-    """Write `operators.csv`, `scaling.csv`, `exponents.csv`, `machine.json`, `operators.png` and `scaling.png`."""
+    """Write `operators.csv`, `scaling.csv`, `exponents.csv` and `machine.json`."""
     device, planes = device_of(config.device), fixed_planes(config)
     scales: Scales = configs.build(config.scales)
     fields = light_fields(config)
@@ -247,8 +239,6 @@ def time_operators(config: DictConfig, folder: Path) -> None:
     exponents = costs.growth_exponents(growth)
     for name, table in {"operators": operators, "scaling": growth, "exponents": exponents}.items():
         tables.write_table(folder / f"{name}.csv", table)
-    drawing.save_figure(bench_plots.operator_costs(operators), folder / "operators.png")
-    drawing.save_figure(bench_plots.growth(growth, exponents), folder / "scaling.png")
     write_facts(folder, device, [field], planes, config.repeats)
     log.info("%s on %s: %s", counted(len(methods), "operator"), field.name, folder / "operators.csv")
 
@@ -259,9 +249,8 @@ PARTS: dict[str, Callable[[], list[Component]]] = {
     "losses": stability_components.image_components,
     "operators": stability_components.operator_components,
     "networks": stability_components.network_components,
-    "simulator": list,
 }
-"""Components of each part; the simulator has scenes instead, see `stability_components.simulator_rows`."""
+"""Components of each part."""
 SHOWN = ("1 - SSIM", "1 / PSNR", "loss", "PSNR")
 """Components in `stability.png`."""
 
@@ -272,10 +261,9 @@ def stability(config: DictConfig, folder: Path) -> None:
     n_threads = torch.get_num_threads()
     torch.set_num_threads(1)  # inputs are small: threads would cost more than they give
     rows = list(trials.run_trials(progress(components, "trying hard cases")))
-    rows += stability_components.simulator_rows() if "simulator" in config.parts else []
     torch.set_num_threads(n_threads)
     tables.write_table(folder / "stability.csv", rows)
-    n_held = sum(row["holds"] == "yes" for row in rows if row["formulation"] == trials.OURS)
+    n_held = sum(row["outcome"] == "holds" for row in rows if row["formulation"] == trials.OURS)
     facts = timing.facts(torch.device("cpu"))
     atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
     shown = [row for row in rows if row["component"] in SHOWN] or rows

@@ -21,7 +21,7 @@ from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser, name_apart
-from lfref.report import answers, comparison, crops, drawing, pictures, plots, tables
+from lfref.report import answers, crops, drawing, pictures, plots, tables
 from lfref.report.answers import Answer
 from lfref.report.refocused import mean_of_views
 
@@ -61,9 +61,8 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     def write(name: str, result: tuple[LightField, dict[str, Tensor], dict[str, Tensor]]) -> None:
         field, stacks, labels = result
         shown = stacks | {f"label: {label}": stack for label, stack in labels.items()}
-        drawing.save_figure(
-            comparison.comparison(shown, planes, mean_of_views(field)), folder / "comparison" / f"{name}.png"
-        )
+        figure = plots.comparison(shown, planes, mean_of_views(field))
+        drawing.save_figure(figure, folder / "comparison" / f"{name}.png")
         # Rows are written after the picture, so that a killed run leaves no light field in the table without one.
         rows.extend(accuracy.plane_rows(name, stacks, labels, planes))
         tables.write_table(folder / PLANES, rows)
@@ -77,7 +76,6 @@ def evaluate(config: DictConfig, folder: Path) -> None:
             raise
         failure = error  # raised after the table of the others
     table = pd.DataFrame(rows)
-    tables.require(table)
     summary = accuracy.summaries(table)
     summary["is_network"] = summary["method"].isin([method.name for method in methods if method.is_network])
     tables.write_table(folder / "summary.csv", summary)
@@ -85,7 +83,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     if not tables.judged_by_others(summary).empty:
         if summary["light_field"].nunique() > 1:  # of one light field the table says all
             drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
-        drawing.save_figure(plots.quality_by_plane(table), folder / "quality_by_plane.png")
+        drawing.save_figure(plots.by_plane(table, ("psnr_db", "ssim")), folder / "quality_by_plane.png")
     if config.get("logger"):
         from lfref.cli import loggers  # imported here: Lightning and wandb take seconds
 

@@ -14,16 +14,11 @@ from lfref.report import page, sections, tables
 
 
 def report(config: DictConfig, folder: Path) -> None:
-    """Write `index.html`, and CSV files of sweeps; the page and the log name the problems of single runs."""
+    """Write `index.html`, and CSV files of sweeps."""
     runs = paths(configs.plain(config.runs))
     if not runs:
         raise InputError("there must be something to report", remedy="give runs=[FOLDER,...]")
     parts = sections.sections(runs)
-    problems = [section.problem for section in parts if section.problem]
-    if len(problems) == len(parts):
-        raise InputError("no section could be made", got="; ".join(problems))
-    for problem in problems:
-        log.warning("not shown: %s", problem)
     page.write_page(folder / "index.html", config.title, parts, _facts(runs), config.text)
     for name, table in (pair for section in parts for pair in section.files.items()):
         tables.write_table(_free(folder / name), table)

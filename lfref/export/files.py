@@ -61,11 +61,12 @@ class Graph(NamedTuple):
     description: dict[str, Any]
     """Plain values from which `load.exported` makes a refocuser."""
 
-    def free_axes(self, mark: Any) -> tuple[dict[int, Any], ...]:
-        """`mark` at the place of each axis of the inputs that may have any length."""
-        return tuple(
-            {place: mark for place, axis in enumerate(axes) if isinstance(axis, str)} for axes in self.inputs.values()
-        )
+    @property
+    def free_axes(self) -> tuple[dict[int, Any], ...]:
+        """The axes of the inputs that may have any length, as PyTorch's exporters take them."""
+        free = torch.export.Dim.DYNAMIC
+        inputs = self.inputs.values()
+        return tuple({n: free for n, axis in enumerate(axes) if isinstance(axis, str)} for axes in inputs)
 
 
 def export(refocuser: Refocuser, path: Path, fields: Sequence[LightField], slopes: Tensor) -> Parity:
@@ -82,9 +83,7 @@ def export(refocuser: Refocuser, path: Path, fields: Sequence[LightField], slope
         The largest differences between the pictures of the file and of the refocuser.
 
     Raises:
-        InputError: The refocuser cannot be written like this.
-        LfrefError: The pictures differ by more than `TOLERANCE`; then no file is written.
-        FileError: The disk refuses.
+        LfrefError: The refocuser cannot be written like this, or pictures differ by more than `TOLERANCE`.
     """
     write = chosen("suffix of an exported file", path.suffix, WRITERS)
     with atomic.replacing(path) as partial:
@@ -187,7 +186,7 @@ def _write_onnx(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refo
             graph.module,
             graph.example,
             dynamo=True,
-            dynamic_shapes=graph.free_axes(torch.export.Dim.DYNAMIC),
+            dynamic_shapes=graph.free_axes,
             verbose=False,
             optimize=False,
         )
@@ -258,9 +257,7 @@ def _write_pt2(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refoc
         raise InputError(".pt2 holds networks", got=refocuser.name, remedy="take .onnx")
     graph = graph_of(refocuser, grid)
     with torch.no_grad():
-        program = torch.export.export(
-            graph.module, graph.example, dynamic_shapes=graph.free_axes(torch.export.Dim.DYNAMIC)
-        )
+        program = torch.export.export(graph.module, graph.example, dynamic_shapes=graph.free_axes)
     # Guards refuse pictures that need another padding than the example, though the graph pads any.
     program._guards_code.clear()
     torch.export.save(program, path, extra_files={DESCRIPTION: json.dumps(graph.description)})

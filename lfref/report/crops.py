@@ -1,7 +1,7 @@
 """The same part of five pictures, side by side: centre view, another method, ours, the reference, and the difference.
 
-The part is where our picture is farthest from the reference. One story in two commands: `lfref bench` and `eval` write
-the files, `lfref report` shows them.
+The part is where our picture is farthest from the reference. `lfref bench` and `eval` write the files, `lfref report`
+shows them.
 """
 
 import math
@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import torch
 from torch import Tensor
 from torch.nn import functional as F
 
@@ -27,23 +26,20 @@ MOST_AMPLIFIED = 64
 
 
 def write(folder: Path, view: Tensor, ours: Tensor, other: Tensor | None, reference: Tensor, margin: int = 0) -> None:
-    """Write the five pictures, or four if there is no other method.
+    """Write the five pictures, or four if there is no other method, of pictures [C, H, W] as a screen gets them.
 
-    Args:
-        folder: Run folder.
-        view: Centre view as a screen gets it, [C, H, W] in [0, 1].
-        ours: Our refocused picture, likewise.
-        other: That of the other method.
-        reference: The picture by which both are judged.
-        margin: Width of the border that does not count, in pixels.
+    A border of `margin` pixels does not count.
     """
-    error = (ours - reference).square().mean(0)
-    top, left, side = _worst_part(error, margin)
+    inner = slice(margin, -margin or None)
     row = {"view": view, "other": other, "ours": ours, "reference": reference}
-    parts = {
-        name: picture[:, top : top + side, left : left + side] for name, picture in row.items() if picture is not None
-    }
-    difference = torch.nan_to_num(parts["ours"] - parts["reference"]).abs()
+    parts = {name: picture[:, inner, inner].nan_to_num(0, 0, 0) for name, picture in row.items() if picture is not None}
+    # The square of the greatest mean error.
+    error = (parts["ours"] - parts["reference"]).square().mean(0)
+    side = min(SIDE, *error.shape)
+    means = F.avg_pool2d(error[None, None], side, stride=1)[0, 0]
+    top, left = divmod(int(means.argmax()), means.shape[1])
+    parts = {name: part[:, top : top + side, left : left + side] for name, part in parts.items()}
+    difference = (parts["ours"] - parts["reference"]).abs()
     # The largest power of two by which no difference is cut.
     factor = 2 ** math.floor(math.log2(1 / max(float(difference.max()), 1 / MOST_AMPLIFIED)))
     parts[f"difference_{factor}"] = difference * factor
@@ -52,17 +48,8 @@ def write(folder: Path, view: Tensor, ours: Tensor, other: Tensor | None, refere
         images.write_image(folder / FOLDER / f"{name}.png", np.ascontiguousarray(shown))
 
 
-def _worst_part(error: Tensor, margin: int) -> tuple[int, int, int]:
-    """Top, left and side of the square of the interior with the greatest mean error [H, W]."""
-    inner = error[margin : error.shape[0] - margin, margin : error.shape[1] - margin]
-    side = min(SIDE, *inner.shape)
-    means = F.avg_pool2d(torch.nan_to_num(inner)[None, None], side, stride=1)[0, 0]
-    top, left = divmod(int(means.argmax()), means.shape[1])
-    return margin + top, margin + left, side
-
-
 def read(folder: Path, answer: Answer) -> Mapping[str, Path]:
-    """Caption -> file of the crops in a run folder, in their order; empty if it has none."""
+    """Caption -> picture of the crops of an answer; empty if the run wrote none."""
     captions = {
         "view": "Centre view",
         "other": answer.other or "",

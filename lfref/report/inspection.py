@@ -1,10 +1,6 @@
-"""The sheet of `lfref info`: central view, disparity, corner views, and light of each view.
-
-This module stands apart from the command, which reads and writes: it only draws.
-"""
+"""The sheet of `lfref info`: central view, disparity, corner views, and light of each view."""
 
 import itertools
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,7 +9,7 @@ from matplotlib.figure import Figure
 
 from lfref.captures.inspect import Inspection
 from lfref.lightfield import LightField
-from lfref.report import disparity_colours, drawing, pictures, tables
+from lfref.report import drawing, pictures, tables
 from lfref.report.refocused import brightening
 
 
@@ -49,16 +45,10 @@ def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int], gain: 
 
 
 def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
-    values, opacity = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
+    values, confidence = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
     low, high = inspection.slopes or (float(values.min()), float(values.max()))
-    look: dict[str, Any] = {"cmap": disparity_colours.MAP, "vmin": low, "vmax": max(high, low + 0.01)}
-    # The map is drawn twice, first invisibly: the colour bar of a half transparent picture would be pale too.
-    shown = axes.imshow(values, alpha=0 * opacity, **look)
-    bar = axes.figure.colorbar(shown, ax=axes, pad=0.02)
-    if bar.solids is not None:
-        bar.solids.set_alpha(1)
-    axes.imshow(values, alpha=opacity.clip(0, 1), **look)
-    axes.set_title("disparity, px per view step; pale: low confidence", fontsize=9)
+    axes.imshow(pictures.greyed(pictures.coloured(values, low, high), confidence))
+    axes.set_title(f"disparity, {low:.3g} (dark) to {high:.3g} px per view step; grey: unknown", fontsize=9)
     axes.set_axis_off()
 
 
@@ -83,15 +73,10 @@ def _draw_slopes(axes: Axes, inspection: Inspection) -> None:
     if inspection.slopes is None or not sure.size:
         axes.set_title("too little parallax to measure", fontsize=9, loc="left")
         return
-    low, high = inspection.slopes
+    (low, high), planes = inspection.slopes, inspection.planes.values
     margin = max(0.15 * (high - low), 0.05)
     shares = np.full(sure.size, 1 / sure.size)
     axes.hist(sure, bins=80, range=(low - margin, high + margin), weights=shares, color=drawing.BLUE)
     axes.axvspan(low, high, color=drawing.ORANGE, alpha=0.12)
-    for end in (low, high):
-        axes.axvline(end, color=drawing.ORANGE, linewidth=1.2)
-    axes.plot(
-        inspection.planes.values, [0] * len(inspection.planes), "^", color=drawing.BLACK, markersize=4, clip_on=False
-    )
-    axes.set_xlim(min(low - margin, *inspection.planes.values), max(high + margin, *inspection.planes.values))
+    axes.plot(planes, [0] * len(planes), "^", color=drawing.BLACK, markersize=4, clip_on=False)
     axes.set_title(f"range {low:.3g} to {high:.3g} (shaded); \N{BLACK UP-POINTING TRIANGLE} planes=auto", fontsize=9)

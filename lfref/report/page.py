@@ -12,16 +12,13 @@ from pathlib import Path
 
 import jinja2
 import pandas as pd
-from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from lfref.errors import FileError
 from lfref.io import atomic
 from lfref.report import drawing, tables
 
 LEGIBLE = 0.39
 """Share of a plot's own width, at 150 dots per inch, at which text of 10 points has 8 pixels of a screen."""
-_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
@@ -30,26 +27,17 @@ class Section:
 
     title: str
     text: str = ""
-    """How to read what is shown, as plain text; an empty line starts a paragraph."""
-    figures: Mapping[str, Figure | str | Path] = field(default_factory=dict)
+    """How to read what is shown, as plain text."""
+    figures: Mapping[str, Figure | Path] = field(default_factory=dict)
     """Caption -> figure, or a PNG file; screen readers read the caption too."""
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     """Caption -> table."""
-    problem: str = ""
-    """Reason why the section has no content."""
     files: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     """Name of a CSV file beside the page -> its table."""
     answer: str = ""
     """What the run answers, with its figures, in one sentence."""
-    crops: Mapping[str, str | Path] = field(default_factory=dict)
+    crops: Mapping[str, Path] = field(default_factory=dict)
     """Caption -> PNG file; all are shown in one row."""
-
-    def __post_init__(self) -> None:
-        for picture in (*self.crops.values(), *self.figures.values()):
-            if not isinstance(picture, Figure):
-                _read_png(Path(picture))
-        for table in self.tables.values():
-            tables.require(table)
 
 
 def write_page(
@@ -57,12 +45,7 @@ def write_page(
 ) -> None:
     """Write the page as one file, all or nothing.
 
-    Args:
-        path: HTML file to write, usually `index.html`; an older one is replaced.
-        title: Heading of the page.
-        sections: Sections in reading order; several get a list of their titles and answers.
-        facts: Machine and versions, at the end of the page.
-        text: A paragraph below the heading.
+    Several sections get a list of their titles and answers; the text stands below the heading, facts at the end.
     """
     page = jinja2.Environment(
         loader=jinja2.PackageLoader("lfref.report", "."),
@@ -72,40 +55,25 @@ def write_page(
         undefined=jinja2.StrictUndefined,
     )
     page.filters |= {"heading": tables.heading, "cell": lambda value, column="": tables.format_cell(column, value)}
-    page.filters |= {"png": _png, "breakable": _breakable}
-    page.tests |= {"numeric": _is_numeric, "bold": lambda value: isinstance(value, tables.Bold)}
+    page.filters["png"] = _png
+    page.tests["numeric"] = _is_numeric
     text = page.get_template("page.html").render(title=title, text=text, sections=sections, facts=facts)
     atomic.write_text(Path(path), text.lstrip() + "\n")
 
 
 def _is_numeric(column: pd.Series) -> bool:
     is_number = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
-    return is_number and not tables.is_text(column.name)
+    return is_number and column.name not in tables.NAMES
 
 
-def _breakable(text: str) -> Markup:
-    """Text that may be broken after underscores."""
-    return Markup(escape(text).replace("_", Markup("_<wbr>")))
-
-
-def _png(picture: Figure | str | Path) -> dict[str, object]:
+def _png(picture: Figure | Path) -> dict[str, object]:
     """Source, width and height of an image element, and the least width at which its text can be read."""
     if isinstance(picture, Figure):
         buffer = io.BytesIO()
         picture.savefig(buffer, **drawing.PNG)
         content = buffer.getvalue()
     else:
-        content = _read_png(Path(picture))
-    width, height = struct.unpack(">II", content[16:24])
+        content = picture.read_bytes()
+    width, height = struct.unpack(">II", content[16:24])  # of the PNG header
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
     return {"source": source, "width": width, "height": height, "least_width": round(LEGIBLE * width)}
-
-
-def _read_png(path: Path) -> bytes:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FileError("a picture must be a readable PNG file", got=f"{path} ({error.strerror})") from error
-    if not content.startswith(_PNG_MAGIC) or len(content) < 24:
-        raise FileError("a picture must be a PNG file", got=str(path))
-    return content

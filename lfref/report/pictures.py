@@ -1,30 +1,25 @@
-"""Pictures of light fields: all planes of a stack, the sheet of a simulated scene, a map of slopes with its colours.
+"""Pictures of light fields: all planes of a stack, the sheet of a simulated scene, maps of disparity.
 
 Captures may be dark, so pictures have a gain. All pictures of a sheet have the same gain, from the mean of all views
-(or of all planes), so that a difference in brightness between two methods stays visible.
+(or of all planes), so that a difference in brightness between two methods stays visible. Maps of disparity have the
+same colours everywhere.
 Sheets are put together as pixels, and OpenImageIO draws their text: refocusing needs no plotting library.
 """
 
 import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import OpenImageIO
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.encoding import SRGB, Encoding
-from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import images
-from lfref.report import disparity_colours
 
-BRIGHT, BRIGHT_PERCENTILE = 0.9, 99.0
-"""Value that the gain gives to this percentile of the mean picture."""
 SHEET_WIDTH, SHEET_COLUMNS = 1350, 4
 """Approximate width of a contact sheet in pixels, and its number of columns."""
 SCENE_COLUMNS = 6
@@ -33,44 +28,26 @@ SHEET_GAP, SHEET_LINE = 14, 24
 """Gap between two pictures of a sheet, and height of a line of text, in pixels."""
 LABEL_LETTERS = 28
 """Number of letters of a label after which a line breaks in a contact sheet, and in proportion in narrower cells."""
-LABEL_SIZE, NOTE_SIZE = 18, 16
-"""Height of the letters of labels and notes, in pixels."""
-BLACK, GREY = 34, 118
-"""Brightness of labels and notes, of 255."""
-MAP_WIDTH, BAR_WIDTH, BAR_TICKS = 900, 28, 5
-"""Width of a map of slopes and of its colour bar in pixels, and number of slopes beside the bar."""
+LETTERS, INK = 18, 34
+"""Height of the letters in pixels, and their brightness, of 255."""
+MAP = "viridis"
+"""Colour map of slopes and disparities."""
+LEAST_CONFIDENCE, GREY = 0.1, 0.5
+"""Least confidence of a known disparity; below, the colours of the map fade to this grey."""
 
 
 def common_exposure(mean_image: Tensor) -> float:
-    """The gain of all pictures of a figure: it brings the 99th percentile of the mean image to 0.9.
-
-    Args:
-        mean_image: Mean of all views (or planes), [C, H, W] in [0, 1].
-
-    Returns:
-        The gain; 1 for a black image.
-    """
-    bright = float(np.nanpercentile(_array(mean_image), BRIGHT_PERCENTILE))
-    return BRIGHT / bright if bright > 1e-6 else 1.0
+    """The gain of all pictures of a figure: it brings the 99th percentile of their mean [C, H, W] to 0.9."""
+    bright = float(np.nanpercentile(_array(mean_image), 99))
+    return 0.9 / bright if bright > 1e-6 else 1.0
 
 
 def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB) -> np.ndarray:
-    """An image for a screen: times the exposure, cut to [0, 1], then encoded.
+    """An image [C, H, W] for a screen, times the exposure, cut to [0, 1], then encoded: float32 [H, W, 3].
 
-    Args:
-        image: Image, [C, H, W] with C 1 or 3; values that are not finite become black.
-        exposure: Gain, one for all pictures that are compared; see `common_exposure`.
-        encoding: Encoding of the screen; `encoding.NONE` for samples that are encoded already.
-
-    Returns:
-        Float32 [H, W, 3] in [0, 1].
-
-    Raises:
-        InputError: The image has another shape.
+    Values that are not finite become black. Samples that are encoded already have the encoding `NONE`.
     """
     array = _array(image)
-    if array.shape[0] not in (1, 3):
-        raise InputError("an image must be [C, H, W] with C 1 or 3", got=tuple(array.shape))
     clean = np.nan_to_num(array * np.float32(exposure), nan=0.0, posinf=0.0, neginf=0.0)
     shown = images.encoded(np.clip(clean, 0, 1), encoding)
     return np.broadcast_to(shown.transpose(1, 2, 0), (*array.shape[1:], 3))
@@ -79,22 +56,10 @@ def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB)
 def contact_sheet(
     stack: Tensor, labels: Sequence[str], exposure: float | None = None, encoding: Encoding = SRGB
 ) -> NDArray[np.uint8]:
-    """All planes of a stack in reading order, each with its label.
+    """All planes of a stack [N, C, H, W] in reading order, each with its label: pixels [H, W, 3].
 
-    Args:
-        stack: Refocused stack, [N, C, H, W] in [0, 1].
-        labels: Labels, one per plane.
-        exposure: Gain of all planes; None: from the mean of the planes.
-        encoding: See `for_display`.
-
-    Returns:
-        Pixels of the sheet, [H, W, 3].
-
-    Raises:
-        InputError: The number of labels differs from that of the planes.
+    Without an exposure, the gain follows from the mean of the planes.
     """
-    if len(labels) != len(stack):
-        raise InputError("a contact sheet must have one label a plane", got=f"{len(labels)} for {len(stack)} planes")
     exposure = common_exposure(stack.mean(0)) if exposure is None else exposure
     n_columns = min(SHEET_COLUMNS, len(stack))
     shown = [for_display(_resized(image, _cell_width(n_columns)), exposure, encoding) for image in stack]
@@ -103,48 +68,43 @@ def contact_sheet(
 
 
 def views_sheet(cells: Mapping[str, Tensor]) -> NDArray[np.uint8]:
-    """Pictures and maps in reading order.
+    """Pictures and maps in reading order: pixels [H, W, 3].
 
     Args:
         cells: Title -> picture, [C, H, W], clipped to [0, 1]; or a map, [H, W], shown in colours, whose title gets the
             values of the first and the last colour. All of one size.
-
-    Returns:
-        Pixels of the sheet, [H, W, 3].
-
-    Raises:
-        InputError: There are no cells.
     """
-    if not cells:
-        raise InputError("a contact sheet needs at least one picture", got="none")
     n_columns, shown = min(SCENE_COLUMNS, len(cells)), {}
     for title, image in cells.items():
         if image.ndim == 3:
             shown[title] = for_display(_resized(image, _cell_width(n_columns)))
         else:
             ends = float(image.min()), float(image.max())
-            colours = disparity_colours.coloured(_array(_resized(image[None], _cell_width(n_columns)))[0], *ends)
+            colours = coloured(_array(_resized(image[None], _cell_width(n_columns)))[0], *ends)
             shown[f"{title}: dark {ends[0]:.3g}, bright {ends[1]:.3g}"] = colours
     return _sheet(list(shown.values()), list(shown), n_columns)
 
 
-def map_with_bar(colours: NDArray[np.floating], low: float, high: float, label: str) -> NDArray[np.uint8]:
-    """A coloured map [H, W, 3] in [0, 1] beside the bar of its colours, from `low` to `high`: pixels [H, W, 3]."""
-    drawn = _resized(torch.from_numpy(colours).movedim(2, 0), MAP_WIDTH).movedim(0, 2).numpy()
-    height = max(BAR_TICKS * SHEET_LINE, len(drawn))  # a low map leaves room for the slopes beside the bar
-    bar = disparity_colours.coloured(np.linspace(high, low, height)[:, None].repeat(BAR_WIDTH, 1), low, high)
-    left = SHEET_GAP + MAP_WIDTH + SHEET_GAP
-    beside = left + BAR_WIDTH + SHEET_GAP
-    sheet = np.full((height + 2 * SHEET_LINE, beside + 4 * SHEET_LINE, 3), 255, np.uint8)
-    for x, part in ((SHEET_GAP, drawn), (left, bar)):
-        sheet[SHEET_LINE : SHEET_LINE + len(part), x : x + part.shape[1]] = np.rint(255 * part)
-    values = np.linspace(high, low, BAR_TICKS)
-    places = np.linspace(SHEET_LINE, SHEET_LINE + height - 1, BAR_TICKS)
-    ticks = [Text(f"{value:.2f}", beside, round(y), "left", "center") for value, y in zip(values, places, strict=True)]
-    sheet = _with_texts(sheet, ticks)
-    # OpenImageIO draws horizontally, so the label is drawn on the sheet turned by a quarter.
-    name = Text(label, sheet.shape[0] // 2, sheet.shape[1] - SHEET_GAP, size=NOTE_SIZE, brightness=GREY)
-    return np.ascontiguousarray(np.rot90(_with_texts(np.rot90(sheet, -1), [name])))
+def colour_ends(slopes: NDArray[np.floating], planes: Sequence[float]) -> tuple[float, float]:
+    """Range of a map's colours: the overlap of planes and slopes, or all slopes if there is no overlap."""
+    least, largest = float(slopes.min()), float(slopes.max())
+    low, high = max(min(planes), least), min(max(planes), largest)
+    return (low, high) if low < high else (least, largest)
+
+
+def coloured(slopes: NDArray[np.floating], low: float, high: float) -> NDArray[np.float64]:
+    """Slopes [H, W] in the colours of the map, [H, W, 3]."""
+    positions = ((slopes - low) / max(high - low, 1e-9)).clip(0, 1).astype(np.float32)
+    mapped = OpenImageIO.ImageBufAlgo.color_map(OpenImageIO.ImageBuf(positions[..., None]), 0, MAP)
+    # OpenImageIO's colours are linear light.
+    return images.encoded(np.asarray(mapped.get_pixels("float")), SRGB).astype(np.float64)
+
+
+def greyed(colours: NDArray[np.float64], confidence: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Colours of the map, faded to grey where the disparity is unknown."""
+    share = (confidence / LEAST_CONFIDENCE).clip(0, 1)[..., None]
+    faded: NDArray[np.float64] = share * colours + (1 - share) * GREY
+    return faded
 
 
 def _cell_width(n_columns: int) -> int:
@@ -175,11 +135,11 @@ def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], n_columns: int, n
     for (y, x), picture in zip(corners, shown, strict=True):
         sheet[y : y + height, x : x + width] = np.rint(255 * picture)
     texts = [
-        Text(line, x + width // 2, y - SHEET_GAP // 2 - n * SHEET_LINE)
+        (line, x + width // 2, y - SHEET_GAP // 2 - n * SHEET_LINE)
         for (y, x), label in zip(corners, lines, strict=True)
         for n, line in enumerate(reversed(label))
     ]
-    return _with_texts(sheet, [*texts, Text(note, size[1] // 2, size[0] - SHEET_GAP, size=NOTE_SIZE, brightness=GREY)])
+    return _with_texts(sheet, [*texts, (note, size[1] // 2, size[0] - SHEET_GAP)])
 
 
 def _lines(label: str, n_letters: int) -> list[str]:
@@ -188,27 +148,11 @@ def _lines(label: str, n_letters: int) -> list[str]:
     return [line.replace("_ ", "_") for line in lines] or [""]
 
 
-class Text(NamedTuple):
-    """A line of text on a sheet."""
-
-    text: str
-    x: int
-    y: int
-    align_x: str = "center"
-    """What x is of the text: `left` or `center`."""
-    align_y: str = "baseline"
-    """What y is of the text: `baseline` or `center`."""
-    size: int = LABEL_SIZE
-    """Height of the letters in pixels."""
-    brightness: int = BLACK
-
-
-def _with_texts(pixels: np.ndarray, texts: Iterable[Text]) -> NDArray[np.uint8]:
-    """Pixels [H, W, 3] with texts; a build of OpenImageIO that has no letters leaves them out."""
+def _with_texts(pixels: np.ndarray, texts: Iterable[tuple[str, int, int]]) -> NDArray[np.uint8]:
+    """Pixels [H, W, 3] with texts centred at x, y; a build of OpenImageIO that has no letters leaves them out."""
     canvas = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
-    for text, x, y, align_x, align_y, size, brightness in texts:
-        colour = (brightness / 255,) * 3
-        OpenImageIO.ImageBufAlgo.render_text(canvas, x, y, text, size, "", colour, align_x, align_y)
+    for text, x, y in texts:
+        OpenImageIO.ImageBufAlgo.render_text(canvas, x, y, text, LETTERS, "", (INK / 255,) * 3, "center")
     return np.asarray(canvas.get_pixels("uint8"), np.uint8)
 
 
@@ -227,6 +171,4 @@ def plane_cells(stack: Tensor, planes: FocalPlanes) -> dict[str, Tensor]:
 
 def _array(image: Tensor) -> np.ndarray:
     """An image [C, H, W] as a float32 array."""
-    if image.ndim != 3 or not image.numel():
-        raise InputError("an image must be [C, H, W] with C 1 or 3", got=tuple(image.shape))
     return image.detach().float().cpu().numpy()

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.errors import InputError, chosen
 from lfref.geometry import FocalPlanes
 from lfref.io import images
 from lfref.lightfield import LightField
@@ -20,20 +19,14 @@ from lfref.refocus.disparity.disparity_map import CLEAR, DisparityMap, disparity
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus, index_to_slope
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import filling
-from lfref.report import disparity_colours, pictures
+from lfref.report import pictures
 
 log = logging.getLogger(__name__)
-
-SUFFIXES = {"png": ".png", "jpg": ".jpg", "tif": ".tif", "avif": ".avif"}
 
 
 @dataclass(frozen=True)
 class PictureFiles:
-    """Format of picture files.
-
-    Raises:
-        InputError: There is no such format, or it has no such depth or quality.
-    """
+    """Format of picture files; one that cannot be written is an `InputError`."""
 
     format: str = "png"
     """Format: `png`, `jpg`, `tif` (in tiles), or `avif` if OpenImageIO has it."""
@@ -43,18 +36,12 @@ class PictureFiles:
     """Quality of JPEG and AVIF files, from 1 to 100."""
 
     def __post_init__(self) -> None:
-        suffix = chosen("format", self.format, SUFFIXES)
-        images.sample_type(Path(f"x{suffix}"), None)
-        depths = images.DEPTHS[suffix]
-        if self.bits not in depths:
-            raise InputError(f"bits of {self.format} must be {' or '.join(map(str, depths))}", got=repr(self.bits))
-        if not 1 <= self.quality <= 100:
-            raise InputError("quality must be from 1 to 100", got=repr(self.quality))
+        images.sample_type(Path(f"picture{self.suffix}"), self.bits)
 
     @property
     def suffix(self) -> str:
         """Suffix of the files' names."""
-        return SUFFIXES[self.format]
+        return f".{self.format}"
 
 
 def mean_of_views(field: LightField) -> Tensor:
@@ -134,14 +121,12 @@ class Refocused:
     def _order_score(self) -> float:
         return order_score(self.field.views, *self.disparity)
 
-    @cached_property
+    @property
     def nearness(self) -> Tensor:
         """Disparity, with the sign that makes near points larger, [H, W]."""
         if abs(self._order_score) <= CLEAR:
-            remedy = "if the points are inside out, give reader.reverse_v=true reader.reverse_u=true"
-            which = "larger" if self.near_sign > 0 else "smaller"
-            warning = "%s: the depth order is not clear; %s disparities count as nearer; %s"
-            log.warning(warning, self.field.name, which, remedy)
+            warning = "%s: the depth order is not clear; if it is inside out, reverse it by reader.reverse_v=true "
+            log.warning(warning + "reader.reverse_u=true", self.field.name)
         return self.near_sign * self.disparity.disparity
 
     @cached_property
@@ -190,8 +175,8 @@ class Refocused:
     def disparity_picture(self) -> NDArray[np.float64]:
         """The map of slopes in colours, grey where they are unknown, [H, W, 3] in [0, 1]."""
         slopes, confidence = (values.detach().double().cpu().numpy() for values in self.slope_and_confidence)
-        ends = disparity_colours.ends(slopes, self.planes.values)
-        return disparity_colours.greyed(disparity_colours.coloured(slopes, *ends), confidence)
+        ends = pictures.colour_ends(slopes, self.planes.values)
+        return pictures.greyed(pictures.coloured(slopes, *ends), confidence)
 
     @property
     def _view_weights(self) -> Tensor | None:

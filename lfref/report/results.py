@@ -1,7 +1,6 @@
 """Result files of `lfref refocus`: stack, planes, contact sheet, maps, point cloud, video; one function per entry.
 
 Every picture of a light field has the same brightness.
-This module stands apart from the command, as the place where a result file is added.
 """
 
 from collections.abc import Callable, Iterable
@@ -9,57 +8,16 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.io import disparity_files, images, video, write
 from lfref.refocus.surface import per_pixel
 from lfref.refocuser.refocuser import OperatorRefocuser
-from lfref.report import disparity_colours, pictures
+from lfref.report import pictures
 from lfref.report.refocused import Refocused
 
 SHEET = "contact_sheet.png"
 """Picture of all planes, the one to open first."""
-SCALE_CONFIDENCE = 0.1  # least confidence of pixels that determine the scale of colours
-OPAQUE, LEAST_OPAQUE = 0.9, 0.25  # quantile of confidence from which pixels are opaque, and its least value
-OUTLIERS = 0.02  # share of the confidence that lies beyond either end of the scale
-
-
-def focus_map(slopes: Tensor, confidence: Tensor) -> NDArray[np.uint8]:
-    """A map of slopes with its colour bar, which spans the confident pixels; the others fade to white.
-
-    Args:
-        slopes: Slope at which each pixel is sharpest, in pixels per view step, [H, W].
-        confidence: Confidence in [0, 1], [H, W].
-
-    Returns:
-        Pixels of the picture, [H, W, 3].
-
-    Raises:
-        InputError: The arguments are not two maps of one size.
-    """
-    if slopes.ndim != 2 or slopes.shape != confidence.shape:
-        raise InputError(
-            "slopes and confidence must be [H, W]", got=f"{list(slopes.shape)} and {list(confidence.shape)}"
-        )
-    values, sure = slopes.double().cpu().numpy(), confidence.double().cpu().numpy()
-    # Opacity is relative to most pixels: among planes close together, none is much sharper than the next.
-    opacity = (sure / max(LEAST_OPAQUE, np.quantile(sure, OPAQUE))).clip(0, 1)
-    low, high = colour_range(values, opacity)
-    colours = disparity_colours.coloured(values, low, high)
-    faded = opacity[..., None] * colours + (1 - opacity[..., None])
-    return pictures.map_with_bar(faded, low, high, "slope, px per view step")
-
-
-def colour_range(values: NDArray, confidence: NDArray) -> tuple[float, float]:
-    """Least and largest slope with a colour of its own: quantiles without outliers, weighted by confidence."""
-    counts = (confidence > SCALE_CONFIDENCE) | (confidence == confidence.max())
-    order = values[counts].argsort()
-    ordered, weight = values[counts][order], confidence[counts][order].cumsum()
-    low, high = np.searchsorted(weight, [OUTLIERS * weight[-1], (1 - OUTLIERS) * weight[-1]])
-    return float(ordered[low]), float(ordered[min(high, len(ordered) - 1)])
-
-
 POINT_CONFIDENCE = 0.4
 """Least confidence of a pixel that becomes a point of the cloud: more than half of a real capture, and about one pixel
 in twenty off by more than .07 px per view step on scenes with gloss and shadows."""
@@ -70,17 +28,7 @@ FRAME_RATES = (3.0, 25.0)
 
 
 def write_results(folder: Path, refocused: Refocused, options: Iterable[str] = ()) -> None:
-    """Write the standard results, and those of the options.
-
-    Args:
-        folder: Result folder; it is created if missing.
-        refocused: The light field with its stack.
-        options: Keys of `OPTIONAL`.
-
-    Raises:
-        InputError: This light field has no such result, such as points of a flat scene.
-        FileError: The folder cannot be written.
-    """
+    """Write the standard results, and those of the options, which are keys of `OPTIONAL`."""
     for result in (*ALWAYS.values(), *(OPTIONAL[name] for name in options)):
         result(folder, refocused)
 
@@ -110,7 +58,7 @@ def _mean(folder: Path, refocused: Refocused) -> None:
 
 def _all_in_focus(folder: Path, refocused: Refocused) -> None:
     refocused.save(folder / "all_in_focus", refocused.sharp)
-    images.write_image(folder / "focus_map.png", focus_map(*refocused.slope_and_confidence))
+    images.write_image(folder / "focus_map.png", refocused.disparity_picture)
 
 
 def _disparity(folder: Path, refocused: Refocused) -> None:
@@ -121,12 +69,6 @@ def _disparity(folder: Path, refocused: Refocused) -> None:
         images.write_image(folder / f"{name}.exr", array[..., None])
     images.write_image(folder / "confidence.png", array[..., None], bits=16)
     images.write_image(folder / "map.png", refocused.disparity_picture)
-    # A PNG of 16 bits, whose name holds the disparities of black and white.
-    disparity = refocused.disparity.disparity.double().cpu().numpy()
-    low, high = np.floor(100 * disparity.min()) / 100, np.floor(100 * disparity.max() + 1) / 100
-    description = f"disparity in px per view step = {low:.2f} + sample / 65535 * {high - low:.2f}"
-    part = images.Part(((disparity - low) / (high - low))[..., None], attributes={"ImageDescription": description})
-    images.write_parts(folder / f"disparity_from_{low:.2f}_to_{high:.2f}.png", [part], 16)
 
 
 def _points(folder: Path, refocused: Refocused) -> None:

@@ -19,7 +19,6 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional as F
 
-from lfref.errors import InputError
 from lfref.io import images
 
 QUALITIES = {".webp": (75, 80, 83, 85, 87, 90, 95, 100), ".jpg": (75, 80, 85, 90, 95, 98, 100)}
@@ -66,17 +65,6 @@ class ViewQuality:
     """Most pixels of all views together. Larger views are made smaller, so that the page can be sent by mail."""
     least_db: float | None = LEAST_DB
     """Least PSNR of a view, or the best that WebP and JPEG reach; None: PNG, without loss."""
-
-    def __post_init__(self) -> None:
-        if not _is_positive(self.most_pixels):
-            raise InputError("page_quality.most_pixels must be a number above 0", got=repr(self.most_pixels))
-        if self.least_db is not None and not _is_positive(self.least_db):
-            raise InputError("page_quality.least_db must be a number above 0, in dB, or null", got=repr(self.least_db))
-
-
-def _is_positive(value: object) -> bool:
-    """Whether a value is a number above 0."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and value > 0
 
 
 class Prediction(NamedTuple):

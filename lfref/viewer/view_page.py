@@ -2,8 +2,7 @@
 
 The page loads nothing from elsewhere. It allows only the program with a given hash, so that a title or a file name
 cannot add another program. The pictures of a large page are files in a folder beside it, each loaded when it is needed.
-Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column. This module stands apart from
-the command, since the page is a program of its own.
+Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
 """
 
 import base64
@@ -24,14 +23,11 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.errors import InputError
-from lfref.functional import neighbours
 from lfref.io import atomic
 from lfref.io.disparity_files import Cameras
 from lfref.lightfield import LightField
-from lfref.refocus.disparity import cost_volume
 from lfref.refocuser import filling
-from lfref.report import disparity_colours
+from lfref.report import pictures
 from lfref.report.refocused import Refocused
 from lfref.viewer import coding
 from lfref.viewer.coding import LOSSLESS, Coding, Prediction, ViewQuality
@@ -44,9 +40,8 @@ FIRST = "#first"
 """Address of the picture that the page shows first."""
 LEAST_SEEN, MOST_CROPPED = 0.5, 0.15
 """Share of the views that see a pixel which is shown, and largest share of a side that is cropped away for it."""
-WINDOW, CENTRAL = 9, 0.35
-"""Size of the windows, in pixels, whose texture says what people look at, and the standard deviation of their distance
-from the middle, as a share of the picture's sides."""
+CENTRAL = 0.35
+"""Standard deviation of the distance from the middle of what people look at, as a share of the picture's sides."""
 LEAST_MASK = 0.02
 """Weight of samples that have none, as a share of the largest. Where no view sees a pixel, the lens thereby shows what
 `_views` fills the views with, which continues the scene, and no black corners."""
@@ -57,19 +52,9 @@ DISPARITY_STEPS = 65535
 
 
 def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[str, Any]) -> list[Path]:
-    """Write the page, all or nothing. Pictures of more than `MOST_BYTES` are written before it, into NAME_pictures.
+    """Write the page of `page_content`, with a title, and facts below the picture; all or nothing.
 
-    Args:
-        path: HTML file to write.
-        title: Heading of the page.
-        facts: Name -> value, shown below the picture.
-        content: Content that `page_content` returns.
-
-    Returns:
-        The page, and the folder of its pictures if there is one.
-
-    Raises:
-        FileError: A file cannot be written.
+    Pictures of more than `MOST_BYTES` are written before it, into NAME_pictures: the second path that is returned.
     """
     is_large = len(_json(content)) > MOST_BYTES
     folder = path.with_name(f"{path.stem}_pictures") if is_large else None
@@ -142,24 +127,20 @@ class GalleryEntry(NamedTuple):
 
 
 def write_gallery(path: Path, title: str, entries: Sequence[GalleryEntry]) -> None:
-    """Write a page with the first picture of each of some pages, which open at a click.
-
-    Raises:
-        FileError: The file cannot be written.
-    """
+    """Write a page with the first picture of each of some pages, which open at a click."""
     text = _template("gallery.html").render(title=title, entries=entries)
     atomic.write_text(path, text.lstrip() + "\n")
 
 
 def _template(name: str) -> jinja2.Template:
     pages = jinja2.Environment(
-        loader=jinja2.PrefixLoader({"viewer": jinja2.PackageLoader("lfref.viewer", ".")}),
+        loader=jinja2.PackageLoader("lfref.viewer", "."),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    return pages.get_template(f"viewer/{name}")
+    return pages.get_template(name)
 
 
 def _json(content: Mapping[str, Any]) -> str:
@@ -190,15 +171,8 @@ def page_content(
         `cameras` (x, y from the middle, in view steps), `reference` (index of the view that predicts the others, or
         None), `pictures` (of the views, or of their differences from what is predicted), and `masks` (pictures of the
         samples' weights, or None).
-
-    Raises:
-        InputError: There is no method, or the methods have different planes.
     """
-    if not methods:
-        raise InputError("the page must show at least one method", got="none")
     first = next(iter(methods.values()))
-    if any(refocused.planes != first.planes for refocused in methods.values()):
-        raise InputError("all methods must be refocused to the same planes", got="others")
     slopes, confidence = (values.detach().double().cpu().numpy() for values in first.slope_and_confidence)
     near = first.near_sign
     values = [first.planes.values[plane] for plane in first.by_slope]
@@ -206,7 +180,8 @@ def page_content(
     middle = first.field.views[tuple(length // 2 for length in first.field.grid)]
     small = coding.smallest(first.encoded(middle)).coding
     encode = small.uri if len(methods) == 1 else LOSSLESS.uri
-    ends = disparity_colours.ends(slopes, first.planes.values)
+    ends = pictures.colour_ends(slopes, first.planes.values)
+    bar = np.tile(np.linspace(*ends, BAR_SIZE[1]), (BAR_SIZE[0], 1))
     return {
         "size": list(first.field.size),
         "quantity": first.planes.quantity,
@@ -216,7 +191,7 @@ def page_content(
         "near": near,
         "dioptres": _dioptres(first.field, near),
         "shape": "square" if aperture is None else "own",
-        "aperture": None if aperture is None else _rounded(aperture / aperture.max()),
+        "aperture": None if aperture is None else (aperture / aperture.max()).double().round(decimals=4).tolist(),
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
         "methods": [
             {"name": name, "planes": [encode(refocused.encoded(refocused.shown[plane])) for plane in first.by_slope]}
@@ -226,34 +201,27 @@ def page_content(
         "depth": _depth(slopes, confidence),
         "sharp": small.uri(first.encoded(first.sharp)),
         "map": small.uri(first.disparity_picture),
-        "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(disparity_colours.coloured(_bar(*ends), *ends))},
+        "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(pictures.coloured(bar, *ends))},
         "views": _views(first, slopes, small, quality or ViewQuality()),
     }
 
 
 def _dioptres(field: LightField, near: int) -> list[float] | None:
     """1 / distance at slope 0 and its growth per slope, in 1 / metres; None where the cameras are not known."""
-    cameras = Cameras.from_metadata(field.metadata)
-    if cameras is None:
+    if (cameras := Cameras.from_metadata(field.metadata)) is None:
         return None
     at_zero, growth = cameras.dioptres(field.size)
     return [at_zero, near * growth]
 
 
-def _rounded(weights: Tensor) -> list[list[float]]:
-    return [[round(weight, 4) for weight in row] for row in weights.tolist()]
-
-
 def _interest(refocused: Refocused, nearness: NDArray[np.floating], confidence: NDArray[np.floating]) -> Tensor:
-    """How much each pixel is what people look at, [H, W]: textured, central, near, and of known disparity."""
+    """How much each pixel is what people look at, [H, W]: central, near, and of known disparity, hence textured."""
     height, width = refocused.field.size
-    grey = torch.from_numpy(refocused.encoded(refocused.sharp).mean(-1)).double()
-    texture = neighbours.box_mean(cost_volume.steepness(grey), WINDOW).sqrt()
     y, x = (torch.linspace(-0.5, 0.5, length, dtype=torch.float64) for length in (height, width))
     central = torch.exp(-(y[:, None].square() + x.square()) / (2 * CENTRAL**2))
     low, high = np.quantile(nearness, (0.02, 0.98))
     near = torch.from_numpy(((nearness - low) / max(high - low, 1e-9)).clip(0, 1))
-    return texture * central * (0.5 + near) * torch.from_numpy(confidence)
+    return central * (0.5 + near) * torch.from_numpy(confidence)
 
 
 def _start(planes: Sequence[float], slopes: NDArray[np.floating], interest: Tensor) -> dict[str, float]:
@@ -282,14 +250,10 @@ def _depth(slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> di
     return {
         "low": low,
         "high": high,
-        "disparity": _base64(steps.tobytes()),
-        "confidence": _base64(np.rint(255 * confidence.clip(0, 1)).astype(np.uint8).tobytes()),
-        "least_confidence": round(255 * disparity_colours.LEAST_CONFIDENCE),
+        "disparity": base64.b64encode(steps).decode("ascii"),
+        "confidence": base64.b64encode(np.rint(255 * confidence.clip(0, 1)).astype(np.uint8)).decode("ascii"),
+        "least_confidence": round(255 * pictures.LEAST_CONFIDENCE),
     }
-
-
-def _bar(low: float, high: float) -> NDArray[np.float64]:
-    return np.tile(np.linspace(low, high, BAR_SIZE[1]), (BAR_SIZE[0], 1))
 
 
 def _views(
@@ -327,10 +291,10 @@ def _views(
         share = smaller(field.weight.flatten(0, 1)[n] / weights.amax()).clamp(min=LEAST_MASK)
         return LOSSLESS.uri(share.permute(1, 2, 0).float().numpy())
 
-    reference, pictures = _coded_views(cameras, shown, disparity, first, quality.least_db)
+    reference, coded = _coded_views(cameras, shown, disparity, first, quality.least_db)
     return {
         "size": size,
-        "pictures": pictures,
+        "pictures": coded,
         "reference": reference,
         "masks": [mask(n) for n in kept] if has_masks else None,
         "cameras": [list(camera) for camera in cameras],
@@ -355,13 +319,9 @@ def _coded_views(
     least = coding.smallest(shown(far), prediction.view(cameras[far]), least_db)
     if far == reference or len(least.file) >= len(plain.file):
         return None, [coding.at_least(least_db, shown(k), first).uri for k in range(len(cameras))]
-    pictures = [
+    coded = [
         coding.at_least(least_db, shown(k), least.coding, prediction.view(camera)).uri
         for k, camera in enumerate(cameras)
     ]
-    pictures[reference] = whole.uri
-    return reference, pictures
-
-
-def _base64(content: bytes) -> str:
-    return base64.b64encode(content).decode("ascii")
+    coded[reference] = whole.uri
+    return reference, coded

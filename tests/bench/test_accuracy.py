@@ -1,19 +1,15 @@
-"""Distance from a reference: the interior, means and measures by hand; colours against published pairs."""
+"""Distance from a reference: the interior, means and measures by hand; colours against another library."""
 
 import pandas as pd
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from skimage import color
 
 from lfref.bench import accuracy
 from lfref.bench.accuracy import DisplayedStack, colour_difference, delta_e_2000, lab
-from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
-from lfref.geometry import FocalPlanes, planes_at_alphas
-from lfref.refocus.shift.shift_and_sum import coverage
+from lfref.geometry import planes_at_alphas
 
 PLANES = planes_at_alphas((0.5, 2.0))  # slopes -1 and 0.5
 
@@ -26,17 +22,6 @@ def stack_off_by(*differences):
 GREY = stack_off_by(0, 0)
 
 
-@pytest.mark.parametrize(
-    ("slopes", "grid", "margin"), [([0.0], (7, 7), 0), ([-1.0, 0.5], (7, 7), 3), ([0.5], (2, 5), 1)]
-)
-def test_every_view_covers_the_interior_at_every_plane(slopes, grid, margin):
-    stack = torch.arange(20.0 * 22).reshape(1, 1, 20, 22)
-    inner = accuracy.interior(stack, torch.tensor(slopes), grid)
-    assert torch.equal(inner, stack[..., margin : 20 - margin, margin : 22 - margin])
-    covered = accuracy.interior(coverage(slopes, grid, (20, 22))[:, None], torch.tensor(slopes), grid)
-    assert float(covered.min()) == pytest.approx(1)
-
-
 def test_there_is_a_row_for_every_plane_of_every_method_and_reference():
     stacks = {"same": GREY, "off": stack_off_by(0.1, 0.01)}
     rows = pd.DataFrame(accuracy.plane_rows("field", stacks, {"one": GREY, "two": GREY}, PLANES))
@@ -45,11 +30,6 @@ def test_there_is_a_row_for_every_plane_of_every_method_and_reference():
     ]
     assert rows["psnr_db"].tolist() == pytest.approx([100] * 4 + [20, 40] * 2, abs=1e-4)
     assert rows["ssim"].tolist() == pytest.approx([1] * 4 + ssim(stacks["off"], GREY).tolist() * 2)
-
-
-def test_planes_given_as_slopes_have_no_alpha():
-    rows = list(accuracy.plane_rows("field", {"a": GREY}, {"b": GREY}, FocalPlanes([-1, 0.5])))
-    assert [(row["alpha"], row["slope"]) for row in rows] == [(None, -1.0), (None, 0.5)]
 
 
 def test_a_colour_error_is_that_of_the_means_of_the_channels_and_black_ones_do_not_count():
@@ -109,14 +89,6 @@ def test_the_share_explained_is_of_sums_of_squared_errors_without_slope_0():
     assert both == pytest.approx([1 - 0.211 / 0.13, 1 - 0.101 / 0.02, 0.9])
 
 
-def test_interior_errors_are_the_mean_psnr_and_the_largest_difference():
-    reference = torch.rand(2, 3, 16, 16)
-    stack = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
-    stack[..., 0, :] = stack[..., -1] = 9  # outside of the interior
-    errors = accuracy.interior_errors(stack, reference, PLANES.slopes, (3, 3))
-    assert errors == {"psnr_db": pytest.approx(30, abs=1e-3), "max_error": pytest.approx(0.1)}
-
-
 def test_measures_of_every_plane_in_the_interior_and_the_whole_frame():
     reference = torch.rand(2, 3, 24, 30)
     stack = reference + torch.tensor([0.1, 0.01])[:, None, None, None]
@@ -131,71 +103,17 @@ def test_measures_of_every_plane_in_the_interior_and_the_whole_frame():
     assert measures["psnr_db"] == pytest.approx([20, 40], abs=1e-3)
 
 
-def test_colours_are_compared_in_linear_light_and_psnr_of_encoded_pictures():
-    encoded, linear = torch.rand(2, 3, 12, 12), torch.rand(2, 3, 12, 12)
-    measures = accuracy.plane_measures(DisplayedStack(encoded, linear), DisplayedStack(encoded, linear / 2), margin=0)
-    assert measures["psnr_db"] == measures["whole_psnr_db"] == [100, 100]
-    assert measures["delta_e"] == pytest.approx(colour_difference(linear, linear / 2).mean((-2, -1)).tolist())
+def test_delta_e_2000_is_that_of_another_library():
+    # Near greys, where hues turn, and vivid colours, in which blues are special.
+    first, second = (torch.rand(2, 4000, 3, dtype=torch.float64) - 0.5).unbind(0)
+    scale = torch.tensor([100, 200, 200]) * 10 ** (-4 * torch.rand(4000, 1, dtype=torch.float64))
+    first, second = first * scale + torch.tensor([50, 0, 0]), second * scale + torch.tensor([50, 0, 0])
+    first[:200, 1:] = 0
+    theirs = torch.from_numpy(color.deltaE_ciede2000(first.numpy(), second.numpy()))
+    torch.testing.assert_close(delta_e_2000(first.T[:, None], second.T[:, None])[0], theirs, atol=1e-8, rtol=0)
 
 
-def test_a_border_that_leaves_less_than_8_pixels_is_refused():
-    accuracy.check_margin(8, (24, 30))
-    with pytest.raises(InputError, match="pictures of 23x30; set margin=0"):
-        accuracy.check_margin(8, (23, 30))
-
-
-# Table 1 of Sharma, Wu and Dalal, 2005: two colours in CIELAB, and their difference.
-PAIRS = (
-    ((50.0000, 2.6772, -79.7751), (50.0000, 0.0000, -82.7485), 2.0425),
-    ((50.0000, 3.1571, -77.2803), (50.0000, 0.0000, -82.7485), 2.8615),
-    ((50.0000, 2.8361, -74.0200), (50.0000, 0.0000, -82.7485), 3.4412),
-    ((50.0000, -1.3802, -84.2814), (50.0000, 0.0000, -82.7485), 1.0000),
-    ((50.0000, -1.1848, -84.8006), (50.0000, 0.0000, -82.7485), 1.0000),
-    ((50.0000, -0.9009, -85.5211), (50.0000, 0.0000, -82.7485), 1.0000),
-    ((50.0000, 0.0000, 0.0000), (50.0000, -1.0000, 2.0000), 2.3669),
-    ((50.0000, -1.0000, 2.0000), (50.0000, 0.0000, 0.0000), 2.3669),
-    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0009), 7.1792),
-    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0010), 7.1792),
-    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0011), 7.2195),
-    ((50.0000, 2.4900, -0.0010), (50.0000, -2.4900, 0.0012), 7.2195),
-    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0009, -2.4900), 4.8045),
-    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0010, -2.4900), 4.8045),
-    ((50.0000, -0.0010, 2.4900), (50.0000, 0.0011, -2.4900), 4.7461),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 0.0000, -2.5000), 4.3065),
-    ((50.0000, 2.5000, 0.0000), (73.0000, 25.0000, -18.0000), 27.1492),
-    ((50.0000, 2.5000, 0.0000), (61.0000, -5.0000, 29.0000), 22.8977),
-    ((50.0000, 2.5000, 0.0000), (56.0000, -27.0000, -3.0000), 31.9030),
-    ((50.0000, 2.5000, 0.0000), (58.0000, 24.0000, 15.0000), 19.4535),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 3.1736, 0.5854), 1.0000),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 3.2972, 0.0000), 1.0000),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 1.8634, 0.5757), 1.0000),
-    ((50.0000, 2.5000, 0.0000), (50.0000, 3.2592, 0.3350), 1.0000),
-    ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387), 1.2644),
-    ((63.0109, -31.0961, -5.8663), (62.8187, -29.7946, -4.0864), 1.2630),
-    ((61.2901, 3.7196, -5.3901), (61.4292, 2.2480, -4.9620), 1.8731),
-    ((35.0831, -44.1164, 3.7933), (35.0232, -40.0716, 1.5901), 1.8645),
-    ((22.7233, 20.0904, -46.6940), (23.0331, 14.9730, -42.5619), 2.0373),
-    ((36.4612, 47.8580, 18.3852), (36.2715, 50.5065, 21.2231), 1.4146),
-    ((90.8027, -2.0831, 1.4410), (91.1528, -1.6435, 0.0447), 1.4441),
-    ((90.9257, -0.5406, -0.9208), (88.6381, -0.8985, -0.7239), 1.5381),
-    ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
-    ((2.0776, 0.0795, -1.1350), (0.9033, -0.0636, -0.5514), 0.9082),
-)
-
-
-def colour(*values):
-    """One pixel, [3, 1, 1]."""
-    return torch.tensor(values, dtype=torch.float64)[:, None, None]
-
-
-def test_delta_e_of_the_published_pairs():
-    first, second, differences = (torch.tensor(column, dtype=torch.float64) for column in zip(*PAIRS, strict=True))
-    for one, other in ((first, second), (second, first)):
-        result = delta_e_2000(one.T[:, None], other.T[:, None])[0]
-        torch.testing.assert_close(result, differences, atol=5e-5, rtol=0)
-
-
-def test_delta_e_agrees_with_another_library():
+def test_colour_differences_of_linear_light_are_those_of_another_library():
     one, other = torch.rand(2, 5, 3, 8, 9, dtype=torch.float64).unbind(0)
     shown = [picture.movedim(-3, -1).numpy() for picture in (one, other)]
     # The library's conversions begin with encoded values.
@@ -206,30 +124,3 @@ def test_delta_e_agrees_with_another_library():
     difference = torch.from_numpy(color.deltaE_ciede2000(*theirs))
     torch.testing.assert_close(colour_difference(one, other), difference, atol=0.03, rtol=0)
     torch.testing.assert_close(colour_difference(one.float(), other.float()).double(), difference, atol=0.03, rtol=0)
-
-
-@given(st.lists(st.floats(0, 1, width=32), min_size=6, max_size=6))
-def test_delta_e_is_symmetric_and_zero_for_equal_colours(values):
-    one, other = colour(*values[:3]), colour(*values[3:])
-    difference = colour_difference(one, other)
-    assert bool((difference >= 0).all())
-    torch.testing.assert_close(colour_difference(other, one), difference, atol=1e-9, rtol=0)
-    assert float(colour_difference(one, one)) == 0
-
-
-def test_greys_have_no_colour_and_their_lightness_is_the_cube_root():
-    levels = torch.tensor([1.0, 0.5, 0.01, 0.001], dtype=torch.float64)
-    values = lab(levels.expand(3, 1, 4))
-    torch.testing.assert_close(values[1:], torch.zeros(2, 1, 4, dtype=torch.float64), atol=1e-9, rtol=0)
-    expected = torch.tensor([100, 116 * 0.5 ** (1 / 3) - 16, 116 * 0.01 ** (1 / 3) - 16, 903.2963 * 0.001])
-    torch.testing.assert_close(values[0, 0].float(), expected)
-
-
-def test_colours_outside_of_the_screen_are_clipped():
-    assert float(colour_difference(colour(8.0, 7.0, 6.0), colour(1.0, 1.0, 1.0))) == 0
-    assert float(colour_difference(colour(-1.0, 0.0, 0.0), colour(0.0, 0.0, 0.0))) == 0
-
-
-def test_delta_e_needs_three_channels():
-    with pytest.raises(InputError):
-        colour_difference(torch.rand(1, 4, 4), torch.rand(1, 4, 4))

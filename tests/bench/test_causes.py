@@ -9,12 +9,10 @@ import torch
 
 from lfref.bench import causes
 from lfref.bench.causes import EXACT, LINEAR, CauseSettings
-from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
-from lfref.simulator import painting, views
 from lfref.simulator.effects.crosstalk import Crosstalk
 from lfref.simulator.effects.response import ToneCurve
 from lfref.simulator.effects.sensor import Sensor
@@ -65,13 +63,6 @@ def test_geometry_is_changed_where_all_surfaces_are_planes(table):
     assert causes["bulge"].tolist() == [*SAMPLING, *EFFECTS]
 
 
-def test_there_is_a_row_for_every_plane_of_the_base_and_every_remedy(table):
-    rows = table.query("scene == 'card' and cause == 'interpolation'")
-    assert rows[["method", "is_base", "alpha"]].to_numpy().tolist() == [
-        ["shift_and_sum", True, 0.5], ["shift_and_sum", True, 2.0], ["cubic", False, 0.5], ["cubic", False, 2.0],
-    ]  # fmt: skip
-
-
 def test_measures_are_psnr_against_the_truth(table, simulated):
     exact, linear, cubic = (method(simulated.views, PLANES.slopes) for method in (EXACT, LINEAR, CUBIC))
     truth = simulated.truth
@@ -106,13 +97,6 @@ def test_an_effect_of_the_sensor_is_compared_with_the_truth_developed_like_its_v
     torch.testing.assert_close(of(table, "tone_curve", "exact_fourier", "cost_db"), cost)
 
 
-def test_more_views_of_the_same_aperture_show_the_same_scene():
-    finer = simulate(causes.scaled(SCENE, 3 / 5, (5, 5)), slopes=PLANES.slopes * 3 / 5)
-    coarse = simulate(SCENE, slopes=PLANES.slopes)
-    card = (..., slice(14, 22), slice(16, 24))  # of a texture that does not depend on the size of the canvas
-    assert float(psnr(finer.truth[1:][card], coarse.truth[1:][card])) > 40
-
-
 def test_means_leave_planes_or_join_them(table):
     by_plane, both = causes.summary(table, "alpha", "slope"), causes.summary(table)
     assert both.columns.tolist() == ["cause", "method", "is_base", "psnr_db", "cost_db", "alone_db", "won_db", "scenes"]
@@ -124,16 +108,3 @@ def test_means_leave_planes_or_join_them(table):
     bright = causes.summary(table.assign(psnr_db=[100.0] + [60.0] * (len(table) - 1)))
     assert bright["psnr_db"].max() < 70  # the one PSNR of 100 dB counts as 70
     assert (causes.summary(table.assign(psnr_db=100.0))["psnr_db"] == 70).all()
-
-
-def test_round_apertures_are_refused():
-    disc = dataclasses.replace(SCENE, camera=dataclasses.replace(SCENE.camera, aperture="disc"))
-    with pytest.raises(InputError):
-        list(causes.rows([disc], [], SETTINGS))
-
-
-def test_one_point_is_the_middle_of_the_aperture_and_few_are_not_the_whole():
-    layers = painting.paint(SCENE, reach=1.0)
-    one, few, many = (causes.through_points(layers, SCENE.camera, -1.0, n_points) for n_points in (1, 2, 32))
-    assert torch.equal(one, views.all_in_focus(layers, SCENE.camera))
-    assert float((few - many).abs().max()) > 0.01

@@ -3,13 +3,11 @@
 import functools
 
 import numpy as np
-import pandas as pd
 import pytest
 import torch
 
 from lfref.bench import costs, timing
 from lfref.bench.costs import Scales, Size
-from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -45,13 +43,6 @@ def test_all_take_turns_beside_numpys_fft_and_ratios_are_of_medians(calls):
     np.testing.assert_allclose(table["numpy_ffts"], [1, 6.5 / 5.5, 7.5 / 5.5])
 
 
-def test_times_on_all_light_fields_count_together(calls):
-    fields = [LightField(torch.rand(3, 3, 3, 24, 28)) for _ in range(2)]
-    table = costs.times([SUM], fields, SLOPES, range(2), warmup=1)
-    assert calls == ["fft", "fft", SUM, SUM] * 2
-    assert table["median_s"].tolist() == [5.5, 7.5]
-
-
 FIELD = Size((7, 5), (375, 540), 16)
 SCALES = Scales(sides=(0.5, 1), views=(3, 5, 9), planes=(4, 8))
 SMALL = {
@@ -71,18 +62,6 @@ def test_one_axis_changes_at_a_time():
     assert [FIELD.count(axis) for axis in ("pixels", "views", "planes")] == [202500, 35, 16]
 
 
-def test_sides_are_rounded_to_lengths_that_ffts_are_fast_at():
-    for side, rounded in ((1, 1), (7, 6), (97, 96), (262, 256), (264, 270), (375, 375), (541, 540), (701, 720)):
-        sizes = SCALES.sizes(Size((3, 3), (side, 540), 2))
-        assert sizes["pixels"][-1].pixels == sizes["planes"][0].pixels == (rounded, 540)
-
-
-@pytest.mark.parametrize("change", [{"sides": [1]}, {"views": [3, 3]}, {"planes": [0, 4]}, {"planes": []}])
-def test_an_axis_needs_two_sizes(change):
-    with pytest.raises(InputError, match=next(iter(change))):
-        Scales(**{"sides": [0.5, 1], "views": [3, 5], "planes": [4, 8]} | change)
-
-
 def test_the_exponents_of_a_known_cost_are_fitted(monkeypatch):
     def seconds(run: functools.partial, device):
         views, slopes = run.args
@@ -93,36 +72,3 @@ def test_the_exponents_of_a_known_cost_are_fitted(monkeypatch):
     times = costs.growth_times([SUM], SMALL, 3, CPU, rounds=1)
     exponents = costs.growth_exponents(times).set_index("axis")["exponent"].to_dict()
     assert exponents == pytest.approx({"pixels": 1, "views": 1, "planes": 2})
-
-
-@pytest.mark.parametrize("power", [0.0, 0.5, 2.0])
-def test_exponents_are_least_squares_in_logarithms_of_the_fastest_runs(power):
-    noise = (1.1, 1 / 1.1 / 1.1, 1.1)  # symmetric about the middle, so without a slope of its own
-    rows = [
-        {"method": name, "axis": "planes", "n": n, "min_s": 3 * n**power * factor, "median_s": 99.0}
-        for name in ("a", "b")
-        for n, factor in zip((4, 8, 16), noise, strict=True)
-    ]
-    table = costs.growth_exponents(pd.DataFrame(rows))
-    assert table[["method", "axis"]].to_numpy().tolist() == [["a", "planes"], ["b", "planes"]]
-    assert table["exponent"].tolist() == pytest.approx([power, power], abs=1e-9)
-
-
-def test_sizes_of_a_method_take_turns_and_the_warm_up_does_not_count(monkeypatch):
-    timed = []
-    # Five distinct sizes; the one that two axes share is measured once per round.
-    spent = iter([99.0] * 5 + [1.0] * 5 + [5.0] * 5 + [3.0] * 5)
-    monkeypatch.setattr(timing, "seconds", lambda run, device: (timed.append(run.args[0].shape), next(spent))[1])
-    table = costs.growth_times([SUM], SMALL, 3, CPU, rounds=3, warmup=1)
-    assert timed[:5] == timed[5:10] == timed[10:15] == timed[15:]
-    assert table.columns.tolist() == ["method", "axis", "n", "median_s", "min_s"]
-    assert table[["median_s", "min_s"]].drop_duplicates().to_numpy().tolist() == [[3.0, 1.0]]
-
-
-@pytest.mark.parametrize("n_planes", [1, 4, 16])
-def test_slopes_are_evenly_spaced_and_not_whole(n_planes):
-    slopes = costs.fractional_slopes(n_planes)
-    assert len(slopes) == n_planes
-    torch.testing.assert_close(slopes.diff(), torch.full((n_planes - 1,), 2 / n_planes, dtype=torch.float64))
-    assert n_planes == 1 or not bool((slopes == slopes.round()).any())
-    assert float(slopes.abs().max()) <= 1

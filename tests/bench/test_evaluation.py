@@ -10,18 +10,14 @@ import torch
 from lfref.bench import accuracy, evaluation
 from lfref.bench.accuracy import DisplayedStack
 from lfref.bench.evaluation import EvaluationCase
-from lfref.captures.correct import correct, correct_by_option
 from lfref.encoding import LINEAR, SRGB
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
-from lfref.io.read import read
 from lfref.lightfield import LightField
-from lfref.nets.refnet import RefNet
 from lfref.refocus import apertures
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects.noise import Noise as SensorNoise
@@ -32,7 +28,6 @@ from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import developed, simulate
 from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker, Flat, Noise
-from tests.captures import displaced
 
 CPU = torch.device("cpu")
 PLANES = planes_at_alphas((0.5, 2.0))  # slopes -1 and 0.5
@@ -60,14 +55,6 @@ def test_a_scene_with_a_sensor_is_evaluated_without_and_with_it():
     assert torch.equal(displayed.linear, cases[2].reference)
 
 
-def test_encoded_views_are_displayed_as_they_are():
-    samples = torch.rand(2, 3, 4, 5)
-    light = LightField(torch.rand(3, 3, 3, 4, 5), is_linear=False)
-    displayed = EvaluationCase("sensor", light, samples, "truth", encoding=SRGB).displayed(samples)
-    assert torch.equal(displayed.encoded, samples)
-    assert torch.equal(displayed.linear, SRGB.decode(samples))
-
-
 @pytest.mark.parametrize(("correction", "least"), [("auto", 15.0), ("white", 20.0)])
 def test_corrections_bring_a_vignetted_scene_nearer_to_the_truth(correction, least):
     cases = list(evaluation.scene_cases([sim30.SCENES["vignetting"]], SLOPES, CPU, correction))
@@ -76,20 +63,12 @@ def test_corrections_bring_a_vignetted_scene_nearer_to_the_truth(correction, lea
     assert float((after - before).min()) > least
 
 
-def test_corrected_cameras_stay_on_the_grid_that_all_methods_can_read():
-    field = displaced.stretched("leaves", 1.2)
-    assert correct(field)[0].positions is not None
-    assert correct_by_option(field, "auto", even_grid_for=evaluation.EVEN_GRID)[0].positions is None
-
-
 def test_operators_refocus_a_disc_scene_through_a_disc():
     camera = dataclasses.replace(CLEAN.camera, aperture="disc", grid=(5, 5))
     (case,) = evaluation.scene_cases([dataclasses.replace(CLEAN, camera=camera)], SLOPES, CPU)
     stack = case.stack(EXACT, SLOPES)
     torch.testing.assert_close(stack, exact_fourier(case.light.views, SLOPES, weights=apertures.disc((5, 5))))
     assert float(psnr(stack[0], case.reference[0])) > 1 + float(psnr(EXACT(case.light, SLOPES)[0], case.reference[0]))
-    small = OperatorRefocuser("small", shift_and_sum, lambda grid: apertures.disc(grid, 3))
-    torch.testing.assert_close(case.stack(small, SLOPES), small(case.light, SLOPES))
 
 
 def test_scenes_of_wide_baselines_have_planes_of_their_own():
@@ -104,20 +83,6 @@ def test_scenes_of_wide_baselines_have_planes_of_their_own():
     assert rows["slope"].tolist() == [*cases[0].planes.values, *cases[1].planes.values]
     assert evaluation.by_plane(rows).empty
     assert evaluation.by_class(rows)["class"].tolist() == ["wide"]
-
-
-def test_networks_of_fixed_planes_take_no_part_where_scenes_have_planes_of_their_own():
-    network = NetworkRefocuser(RefNet(2, (3, 3), widths=(4,), stem_width=4), PLANES, "network")
-    cases = [evaluation.ideal_case(CLEAN, PLANES.slopes, CPU), *evaluation.wide_cases([CLEAN], CPU)]
-    rows = pd.DataFrame(evaluation.evaluate(cases, [SUM, network], PLANES, 2))
-    assert rows.groupby("class", sort=False)["method"].unique().map(list).tolist() == [["sum", "network"], ["sum"]]
-
-
-def test_captures_are_compared_with_exact_refocusing():
-    field = LightField(torch.rand(3, 3, 3, 16, 18), "a")
-    (case,) = evaluation.capture_cases([field], SLOPES)
-    assert (case.kind, case.light, case.reference_name) == ("capture", field, "exact_fourier")
-    torch.testing.assert_close(case.reference, exact_fourier(field.views, SLOPES))
 
 
 @pytest.mark.parametrize(
@@ -139,12 +104,6 @@ def test_kept_views_have_the_centre_and_the_aperture_of_all(n_views, step, dense
     assert len(all_places[split.dense]) == dense
     assert split.shares.tolist() == pytest.approx([end, *[1] * (len(places) - 2), end])
     assert float(step * split.shares.sum()) == pytest.approx(dense)
-
-
-@pytest.mark.parametrize(("n_views", "step"), [(2, 2), (9, 1), (1, 2), (9, 9)])
-def test_too_few_views_are_refused(n_views, step):
-    with pytest.raises(InputError, match=f"every {step} of {n_views}"):
-        evaluation.split_axis(n_views, step)
 
 
 HOLD_OUT_SLOPES = torch.tensor([-2.0, 0.5, 1.0], dtype=torch.float64)
@@ -179,17 +138,6 @@ def test_the_dense_integral_is_nearer_to_the_truth_than_the_kept_views(scene):
         assert float((psnr(inner(cut), inner(reference)) - psnr(inner(whole), inner(reference))).min()) > 0.3
 
 
-def test_weights_of_the_end_views_help_on_a_real_capture(lytro):
-    slopes = torch.tensor([-5.0, 0.0], dtype=torch.float64)
-    (case,) = evaluation.hold_out_cases([read(lytro, encoding="linear")], 2, slopes)
-    window = (..., slice(24, -24), slice(24, -24))
-    cut, whole = (
-        psnr(stack[window], case.reference[window]) for stack in (case.stack(SUM, slopes), SUM(case.light, slopes))
-    )
-    assert float((cut - whole).min()) > 1
-    assert float(cut.min()) > 45
-
-
 def random_case(kind, encoding=LINEAR):
     views, truth = torch.rand(3, 3, 3, 20, 24), torch.rand(2, 3, 20, 24)
     return EvaluationCase(kind, LightField(views, "a"), truth, "truth", encoding=encoding)
@@ -219,7 +167,7 @@ def table():
     """Two scenes and planes in one class, one of them in another."""
     rows = [
         ("ideal", "a", "sum", -1.0, 40.0, 1.001), ("ideal", "a", "sum", 0.5, 50.0, 0.995),
-        ("ideal", "b", "sum", -1.0, 30.0, 1.0), ("ideal", "b", "sum", 0.5, 70.0, 1.0),
+        ("ideal", "b", "sum", -1.0, 30.0, 1.0), ("ideal", "b", "sum", 0.5, 100.0, 1.0),
         ("ideal", "a", "net", -1.0, 20.0, 1.0), ("ideal", "a", "net", 0.5, 22.0, 1.0),
         ("sensor", "b", "sum", -1.0, 25.0, 1.0), ("sensor", "b", "sum", 0.5, 27.0, 1.0),
     ]  # fmt: skip
@@ -232,16 +180,8 @@ def cells(summary, *columns):
     return list(summary[[*columns]].itertuples(index=False, name=None))
 
 
-def test_planes_are_means_over_the_scenes_and_name_the_worst():
-    summary = evaluation.by_plane(table())
-    assert cells(summary, "class", "method", "slope", "psnr_db", "worst_psnr_db", "worst_scene") == [
-        ("ideal", "sum", -1.0, 35.0, 30.0, "b"), ("ideal", "sum", 0.5, 60.0, 50.0, "a"),
-        ("ideal", "net", -1.0, 20.0, 20.0, "a"), ("ideal", "net", 0.5, 22.0, 22.0, "a"),
-        ("sensor", "sum", -1.0, 25.0, 25.0, "b"), ("sensor", "sum", 0.5, 27.0, 27.0, "b"),
-    ]  # fmt: skip
-
-
 def test_scenes_are_means_over_the_planes_and_a_psnr_that_is_no_number_is_the_worst():
+    # In means, a PSNR counts by at most 70 dB.
     summary = evaluation.by_scene(table())
     assert cells(summary, "class", "method", "scene", "psnr_db", "worst_psnr_db", "worst_slope") == [
         ("ideal", "sum", "a", 45.0, 40.0, -1.0), ("ideal", "sum", "b", 50.0, 30.0, -1.0),
@@ -263,25 +203,3 @@ def test_classes_are_means_over_all_and_name_the_worst_scene_and_brightness():
     assert cells(summary, "median_psnr_db", "worst_plane_db", "worst_plane") == [
         (45.0, 30.0, "b at slope -1"), (21.0, 20.0, "a at slope -1"), (26.0, 25.0, "b at slope -1"),
     ]  # fmt: skip
-
-
-def test_classes_have_their_means_without_slope_0_and_the_share_explained():
-    rows = table()
-    rival = rows[:4].assign(method="mean_of_views", psnr_db=[20.0, 20.0, 10.0, 100.0], ssim=0.1)
-    rows = pd.concat([rows, rival], ignore_index=True)
-    rows["slope"] = rows["slope"].replace(0.5, 0.0)
-    summary = evaluation.by_class(rows).set_index(["class", "method"])
-    # Planes at slope -1: the sum has 40 and 30 dB, the mean of the views 20 and 10 dB.
-    assert summary.loc[("ideal", "sum"), ["nonzero_psnr_db", "nonzero_ssim"]].tolist() == [35.0, 0.5]
-    assert summary["explained"]["ideal", "sum"] == pytest.approx(1 - (1e-4 + 1e-3) / (1e-2 + 1e-1))
-    assert summary["explained"]["ideal", "mean_of_views"] == 0
-    assert summary[["explained_near", "explained_wide"]].isna().all(axis=None)
-    assert math.isnan(summary["explained"]["sensor", "sum"])  # this class has no mean of views
-
-
-def test_in_means_a_psnr_counts_by_at_most_70_db_and_medians_and_worst_cases_are_not_capped():
-    rows = table()[:4].assign(psnr_db=[100.0, 90.0, 40.0, 80.0])
-    (summary,) = evaluation.by_class(rows).itertuples()
-    assert (summary.psnr_db, summary.median_psnr_db, summary.worst_plane_db) == (62.5, 85.0, 40.0)
-    assert (summary.worst_psnr_db, summary.worst_scene) == (55.0, "b")
-    assert evaluation.by_scene(rows)["worst_psnr_db"].tolist() == [90.0, 40.0]

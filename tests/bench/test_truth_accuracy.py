@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from lfref import geometry
 from lfref.bench import accuracy, causes, evaluation
 from lfref.functional.psnr import psnr
 from lfref.refocus.fourier.exact import exact_fourier
@@ -52,7 +53,8 @@ def brute_force(scene: Scene, slope: float, times: int) -> torch.Tensor:
 
 def inside(picture: torch.Tensor, scene: Scene, slope: float) -> torch.Tensor:
     """What all views cover, and 2 pixels less, which filters reach."""
-    return accuracy.without_border(accuracy.interior(picture, torch.tensor([slope]), scene.camera.grid), 2)
+    margin = math.ceil(geometry.corner_shift(torch.tensor([slope]), scene.camera.grid))
+    return accuracy.without_border(picture, margin + 2)
 
 
 @pytest.mark.slow

@@ -107,13 +107,17 @@ def test_every_variant_of_the_page_on_ablations_passes_a_fast_dev_run(composed, 
     assert [bool(loss.isfinite()) for loss in losses] == [True]
 
 
-@pytest.mark.parametrize("size", [gpu.FULL, gpu.TRIAL], ids=["full", "trial"])
-def test_every_command_of_the_steps_on_a_gpu_composes(composed, size):
-    for step in gpu.steps(size, epochs=2):
-        if step.command[: len(gpu.LFREF)] == gpu.LFREF:
-            command, *words = step.command[len(gpu.LFREF) :]
-            given = [word for word in words if not word.startswith(str(gpu.RUNS))]  # inputs without a name
-            assert composed(command, *given).folder
+def test_every_command_of_the_steps_on_a_gpu_composes(composed):
+    for _, words in gpu.steps(epochs=2):
+        if words[: len(gpu.LFREF)] == gpu.LFREF:
+            name, *overrides = words[len(gpu.LFREF) :]
+            assert composed(name, *overrides).folder
+
+
+def test_the_results_of_the_page_are_those_of_its_variants():
+    rows = ablations.results(ablations.RESULTS)
+    assert set(rows["variant"]) <= set(ablations.VARIANTS)
+    assert not rows.duplicated(["variant", "seed"]).any()
 
 
 def test_the_papers_experiment_makes_its_choices(composed):

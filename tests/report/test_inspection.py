@@ -6,9 +6,8 @@ import torch
 
 from lfref.captures.inspect import inspect
 from lfref.lightfield import LightField
-from lfref.report import drawing, pictures
+from lfref.report import drawing
 from lfref.report.inspection import inspection_sheet
-from lfref.report.refocused import brightening
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 
@@ -35,31 +34,7 @@ def test_the_sheet_shows_views_disparity_light_and_range():
     assert sum(bar.get_height() for bar in slopes.patches[:80]) == pytest.approx(1, abs=0.05)
 
 
-def test_samples_without_weight_do_not_darken_their_view():
-    views, weight = 0.5 + 0.01 * torch.rand(3, 3, 3, 64, 80), torch.ones(3, 3, 1, 64, 80)
-    views[0, 0, :, :, :40], weight[0, 0, :, :, :40] = 0, 0
-    figure = inspection_sheet(inspect(LightField(views, weight=weight)))
-    (light,) = (axes for axes in figure.axes if axes.get_title().startswith("light"))
-    assert light.images[0].get_array()[0, 0] == pytest.approx(1, abs=0.01)
-
-
-@pytest.mark.parametrize("encoding", ["linear", "srgb"])
-def test_the_sheet_is_as_bright_as_the_pictures_of_lfref_refocus(encoding):
-    views = 0.3 * torch.rand(3, 3, 3, 64, 80)
-    field = LightField(views, metadata={"encoding": encoding})
-    centre = next(axes for axes in inspection_sheet(inspect(field)).axes if axes.get_title() == "view 1, 1")
-    expected = pictures.for_display(views[1, 1], brightening(field))
-    np.testing.assert_allclose(centre.images[0].get_array(), expected, atol=1e-6)
-
-
 @pytest.mark.parametrize("shape", [(1, 1, 3, 64, 64), (1, 5, 1, 20, 96), (3, 3, 1, 96, 20)])
 def test_fields_of_all_shapes_can_be_drawn(shape, tmp_path):
     drawing.save_figure(inspection_sheet(inspect(LightField(torch.rand(shape), "a_$b"))), tmp_path / "sheet.png")
     assert (tmp_path / "sheet.png").stat().st_size > 5000
-
-
-@pytest.mark.parametrize("fill", [0.0, torch.nan])
-def test_a_flat_field_can_be_drawn(fill, tmp_path):
-    figure = inspection_sheet(inspect(LightField(torch.full((3, 3, 3, 64, 64), fill))))
-    drawing.save_figure(figure, tmp_path / "sheet.png")
-    assert "too little parallax to measure" in titles(figure)

@@ -1,14 +1,16 @@
-"""The figures show the rows: their lines and points are the tables' numbers, and labels do not collide."""
+"""The figures show the rows: their lines, points and bars are the tables' numbers."""
 
 import math
 
 import pandas as pd
 import pytest
-from matplotlib.text import Annotation
+import torch
 
-from lfref.errors import InputError
-from lfref.report import drawing, plots
+from lfref import geometry
+from lfref.report import plots
+from tests.report.test_pictures import PAPER, H, W, screen, stack
 
+ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 ALPHAS = [0.125, 0.5, 1.0, 2.0]
 
 
@@ -41,185 +43,88 @@ def test_training_lines_are_the_rows_without_empty_cells():
     assert points(line_of(loss, "total")) == [(step, 1 / (1 + step)) for step in range(5)]
     assert list(line_of(loss, "L1").get_ydata()) == [0.1] * 5
     assert points(mpsnr.get_lines()[0]) == [(1, 20.0), (2, 33.5), (4, 32.25)]
+    assert "first 20.00 dB, best +13.50 dB, last +12.25 dB" in mpsnr.get_title("left")
     assert points(mssim.get_lines()[0]) == [(1, 0.5), (2, 0.9), (4, 0.8)]
-    assert loss.get_yscale() == "log"
 
 
-def test_the_rise_above_the_first_validation_is_marked():
-    axes = plots.training_curves(metrics()).axes[1]
-    assert "first 20.00 dB, best +13.50 dB, last +12.25 dB" in axes.get_title("left")
-    assert list(axes.get_lines()[1].get_ydata()) == [20.0, 20.0]
-    arrow = next(child for child in axes.get_children() if isinstance(child, Annotation))
-    assert (arrow.xy, arrow.xyann) == ((2, 33.5), (2, 20.0))
+def test_quality_is_the_mean_over_light_fields_in_a_panel_of_each_reference_and_score():
+    fields = planes("net", "rendered"), planes("net", "rendered", "b", lift=2.0), planes("net", "sum", lift=60.0)
+    psnr, ssim, by_sum, _ = plots.by_plane(pd.concat(fields), ("psnr_db", "ssim")).axes
+    assert points(line_of(psnr, "net")) == [(alpha, 31 + alpha) for alpha in ALPHAS]
+    assert list(line_of(ssim, "net").get_ydata()) == pytest.approx([0.9 + a / 100 for a in ALPHAS])
+    assert list(line_of(by_sum, "net").get_ydata()) == [70.0] * 4  # as in means, a PSNR counts by at most 70 dB
+    assert (psnr.get_ylabel(), by_sum.get_ylabel()) == ("PSNR (dB)", "PSNR against sum (dB)")
 
 
-def test_a_run_too_short_for_training_losses_shows_those_of_validation():
-    short = metrics()[5:].drop(columns=["train/loss", "train/l1"]).assign(**{"val/loss": [3.0, 2.0, 1.0]})
-    loss, mpsnr, _ = plots.training_curves(short).axes
-    assert [points(line) for line in loss.get_lines()] == [[(1, 3.0), (2, 2.0), (4, 1.0)]]
-    assert len(mpsnr.get_lines()[0].get_xdata()) == 3
+def test_planes_without_alphas_lie_at_their_slopes_and_no_method_judges_itself():
+    rows = pd.concat([planes("net", "a").assign(alpha=None), planes("a", "a"), planes("net", "b")])
+    first, _ = plots.by_plane(rows).axes
+    assert [points(line) for line in first.get_lines()] == [[(1 - 1 / alpha, 30 + alpha) for alpha in ALPHAS]]
+    assert first.get_xlabel() == "Slope (px/view)"
 
 
-def test_planes_have_a_line_of_the_first_the_best_and_the_last_validation():
-    by_plane = metrics().assign(
-        **{f"val/mpsnr_plane/alpha_{alpha:g}": metrics()["val/mpsnr"] + alpha for alpha in ALPHAS}
-    )
-    (axes,) = plots.validation_by_plane(by_plane).axes
-    for name, mpsnr in (("first, step 1", 20.0), ("best, step 2", 33.5), ("last, step 4", 32.25)):
-        assert points(line_of(axes, name)) == [(alpha, mpsnr + alpha) for alpha in ALPHAS]
-    assert plots.validation_by_plane(metrics()) is None
+def bench(rows, reference="truth"):
+    """Methods of one class, and the FFT before them, which took two seconds."""
+    table = pd.DataFrame(rows, columns=["method", "median_s", "psnr_db"])
+    table = table.assign(**{"class": "ideal", "reference": reference})
+    table = pd.concat([pd.DataFrame([{"method": "numpy_fft_4d", "median_s": 2.0}]), table], ignore_index=True)
+    return table.assign(p10_s=0.9 * table["median_s"], p90_s=1.5 * table["median_s"])
 
 
-def test_a_run_without_any_loss_is_refused():
-    with pytest.raises(InputError, match="must have logged a loss"):
-        plots.training_curves(metrics()[["step", "val/mpsnr", "val/mssim"]])
+ROWS = [("a", 0.2, 30.0), ("b", 0.4, 28.0), ("c", 0.8, 45.0), ("d", 2.0, math.nan), ("exact", 3.0, 100.0)]
 
 
-@pytest.mark.parametrize("column", ["step", "val/mpsnr", "val/mssim"])
-def test_a_missing_training_column_is_named(column):
-    with pytest.raises(InputError, match=f"'{column}'"):
-        plots.training_curves(metrics().drop(columns=column))
+def test_the_front_joins_the_best_methods_in_units_of_the_fft():
+    axes = plots.front(bench(ROWS)).axes[0]
+    steps, *marks, landmark = axes.get_lines()
+    assert points(steps) == [(0.1, 30.0), (0.4, 45.0), (1.5, 70.0)]
+    assert [points(mark)[0] for mark in marks] == [(0.1, 30.0), (0.2, 28.0), (0.4, 45.0), (1.5, 70.0)]
+    assert [mark.get_markerfacecolor() == "white" for mark in marks] == [False, True, False, False]
+    assert list(landmark.get_xdata()) == [1, 1]
+    assert axes.collections[0].get_segments()[0][:, 0] == pytest.approx([0.09, 0.15])
 
 
-def test_quality_is_the_mean_over_light_fields():
-    fields = planes("net", "shift_and_sum"), planes("net", "shift_and_sum", "b", lift=2.0)
-    rows = pd.concat([*fields, planes("net", "fourier_slice", lift=-5.0)])
-    psnr, ssim = plots.quality_by_plane(rows).axes
-    assert points(line_of(psnr, "against shift_and_sum")) == [(alpha, 31 + alpha) for alpha in ALPHAS]
-    assert points(line_of(psnr, "against fourier_slice")) == [(alpha, 25 + alpha) for alpha in ALPHAS]
-    assert list(line_of(ssim, "against shift_and_sum").get_ydata()) == pytest.approx([0.9 + a / 100 for a in ALPHAS])
+def test_without_truth_there_is_no_front_and_no_method_judges_itself():
+    figure = plots.front(pd.concat([bench(ROWS), bench(ROWS, "exact")[1:].assign(**{"class": "capture"})]))
+    _, axes = figure.axes
+    assert axes.get_title("left") == "capture, judged by exact and not by the truth: higher is nearer, not better"
+    assert [points(mark) for mark in axes.get_lines()[:-1]] == [[(0.1, 30.0)], [(0.2, 28.0)], [(0.4, 45.0)]]
 
 
-def test_quality_leaves_nan_out_and_shows_slopes_above():
-    rows = pd.concat([planes("net", "a"), planes("net", "a")[:1].assign(psnr_db=math.nan)])
-    axes = plots.quality_by_plane(rows).axes[0]
-    assert points(axes.get_lines()[0]) == [(alpha, 30 + alpha) for alpha in ALPHAS]
-    ticks = {tick.get_position()[0]: tick.get_text() for tick in axes.child_axes[0].get_xticklabels()}
-    assert ticks == {0.125: "\N{MINUS SIGN}7.00", 0.5: "\N{MINUS SIGN}1.00", 1.0: "0.00", 2.0: "0.50"}
+def cause_rows():
+    table = [
+        ("points", "exact", True, 0.5, -1.0, 20.0, 0.0), ("points", "filled", False, 0.5, -1.0, 20.0, 15.0),
+        ("points", "exact", True, 2.0, 0.5, 4.0, 0.0), ("points", "filled", False, 2.0, 0.5, 4.0, -1.0),
+        ("noise", "exact", True, 0.5, -1.0, 3.0, 0.0), ("noise", "filled", False, 0.5, -1.0, 3.0, 1.0),
+        ("noise", "exact", True, 2.0, 0.5, 5.0, 0.0), ("noise", "filled", False, 2.0, 0.5, 5.0, 0.5),
+    ]  # fmt: skip
+    return pd.DataFrame(table, columns=["cause", "method", "is_base", "alpha", "slope", "cost_db", "won_db"])
 
 
-def test_planes_without_alphas_lie_at_their_slopes():
-    rows = pd.concat([planes("net", "a").assign(alpha=None), planes("net", "b")])
-    psnr, _ = plots.quality_by_plane(rows).axes
-    assert points(line_of(psnr, "against a")) == [(1 - 1 / alpha, 30 + alpha) for alpha in ALPHAS]
-    assert psnr.get_xlabel() == "Slope (px/view)"
-    assert not psnr.child_axes
-
-
-@pytest.mark.parametrize("column", ["method", "reference", "alpha", "slope", "psnr_db", "ssim"])
-def test_a_missing_quality_column_is_named(column):
-    with pytest.raises(InputError, match=f"'{column}'"):
-        plots.quality_by_plane(planes("net", "a").drop(columns=column))
-
-
-def test_six_methods_have_six_colours_and_none_of_references():
-    rows = pd.concat([planes(f"net {number}", "a") for number in range(6)])
-    colours = {line.get_color() for line in plots.quality_by_plane(rows).axes[0].get_lines()}
-    assert len(colours) == 6
-    assert not colours & {drawing.BLUE, drawing.RED}
-
-
-def test_scatter_has_a_point_per_light_field_coloured_by_reference_shaped_by_method():
-    rows = [
-        {"method": method, "reference": reference, "mpsnr_db": 20.0 + index, "mssim": 0.8 + index / 100}
-        for method in ("net", "slice")
-        for reference in ("shift_and_sum", "fourier_slice")
-        for index in range(3)
-    ]
-    lines = plots.scatter(pd.DataFrame(rows)).axes[0].get_lines()
-    assert [list(line.get_xdata()) for line in lines] == [[0.8, 0.81, 0.8 + 0.02]] * 4
-    assert [list(line.get_ydata()) for line in lines] == [[20.0, 21.0, 22.0]] * 4
-    assert [line.get_color() for line in lines] == [drawing.BLUE, drawing.RED] * 2
-    first, second, third, fourth = (line.get_marker() for line in lines)
-    assert first == second != third == fourth
-
-
-def test_infinite_mpsnr_is_drawn_at_the_cap():
-    rows = [
-        {"method": "net", "reference": "shift_and_sum", "mpsnr_db": mpsnr, "mssim": 0.9}
-        for mpsnr in (25.0, 31.0, math.inf)
-    ]
-    axes = plots.scatter(pd.DataFrame(rows)).axes[0]
-    assert list(axes.get_lines()[0].get_ydata()) == [25.0, 31.0, 100.0]
-    assert axes.get_yticklabels()[-1].get_text() == "≥ 100"
+def test_causes_have_a_panel_for_the_mean_and_each_plane():
+    figure = plots.error_causes(cause_rows())
+    assert [axes.get_title("left") for axes in figure.axes] == ["mean over planes", f"{ALPHA} 0.5", f"{ALPHA} 2"]
+    bars = [[bar.get_width() for bar in axes.patches] for axes in figure.axes]
+    assert bars == [[4.0, 12.0], [3.0, 20.0], [5.0, 4.0]]  # the first cause is the uppermost
+    marks = [list(axes.get_lines()[0].get_xdata()) for axes in figure.axes]
+    assert marks == [[0.75, 7.0], [1.0, 15.0], [0.5, -1.0]]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["noise", "points"]
+    assert sorted(text.get_text() for text in figure.legends[0].get_texts()) == ["cost", "won by filled"]
 
 
 @pytest.mark.parametrize(
-    "make",
+    ("planes", "titles", "values"),
     [
-        lambda: plots.scatter(pd.DataFrame([{"method": "_a", "reference": None, "mpsnr_db": 20.0, "mssim": 0.5}])),
-        lambda: plots.quality_by_plane(planes("_$a$" * 30, "r")[:1]),
+        (geometry.planes_at_alphas([0.2, 0.9, 1.9]), ["alpha 0.2", "alpha 0.9", "alpha 1.9"], (0, 0.01, 0.02)),
+        (PAPER, ["alpha 0.125", "alpha 1", "alpha 2"], (0, 0.07, 0.15)),
     ],
 )
-def test_odd_names_and_single_rows_are_drawn(make, tmp_path):
-    drawing.save_figure(make(), tmp_path / "odd.png")
-    assert (tmp_path / "odd.png").read_bytes().startswith(b"\x89PNG")
-
-
-def classes():
-    kinds = (("ideal", 0.0), ("sensor", -10.0))
-    return pd.concat(
-        planes(method, "truth", lift=lift).assign(**{"class": kind})
-        for kind, lift in kinds
-        for method in ("sum", "exact")
-    )
-
-
-def test_every_class_has_a_panel_with_a_line_for_every_method():
-    ideal, sensor = (axes for axes in plots.psnr_by_plane(classes()).axes)
-    for axes, lift in ((ideal, 0.0), (sensor, -10.0)):
-        assert [points(line) for line in axes.get_lines()] == [[(alpha, 30 + alpha + lift) for alpha in ALPHAS]] * 2
-    assert [axes.get_title("left") for axes in (ideal, sensor)] == ["ideal, against truth", "sensor, against truth"]
-
-
-def many(n, kind="ideal"):
-    return pd.concat(planes(f"method_{i}", "truth", lift=float(i)).assign(**{"class": kind}) for i in range(n))
-
-
-def visible(figure):
-    return [axes for axes in figure.axes if axes.get_visible()]
-
-
-def test_more_than_seven_methods_are_small_multiples_in_which_all_others_are_grey():
-    assert len(visible(plots.psnr_by_plane(many(7)))) == 1
-    panels = visible(plots.psnr_by_plane(many(8)))
-    assert [axes.get_title("left") for axes in panels] == [f"method_{i}" for i in range(8)]
-    for lift, axes in enumerate(panels):
-        *others, own = axes.get_lines()
-        assert points(own) == [(alpha, 30 + alpha + lift) for alpha in ALPHAS]
-        assert (own.get_color(), {line.get_color() for line in others}) == (drawing.BLUE, {drawing.PALE})
-        assert len(others) == 8
-    assert not plots.psnr_by_plane(many(8)).legends
-    assert [len(visible(plots.quality_by_plane(many(n)))) for n in (7, 8)] == [2, 16]
-
-
-def test_curves_judged_by_a_method_say_so_and_leave_that_method_out():
-    judged = many(3, "capture").assign(reference="method_1")
-    (axes,) = plots.psnr_by_plane(judged).axes
-    assert axes.get_title("left") == "capture, judged by method_1 and not by the truth"
-    assert axes.get_ylabel() == "PSNR against method_1 (dB)"
-    assert [line.get_label() for line in axes.get_lines()] == ["method_0", "method_2"]
-    psnr, ssim = plots.quality_by_plane(judged).axes
-    assert (psnr.get_ylabel(), ssim.get_ylabel()) == ("PSNR against method_1 (dB)", "SSIM against method_1")
-    assert [len(axes.get_lines()) for axes in (psnr, ssim)] == [2, 2]
-
-
-@pytest.mark.parametrize(
-    ("reference", "title", "label"),
-    [
-        ("fourier_slice", "judged by label sources and not by the truth", "MPSNR against fourier_slice (dB)"),
-        ("rendered", "judged by the truth", "MPSNR (dB)"),
-    ],
-)
-def test_the_scatter_says_who_judges(reference, title, label):
-    rows = [{"method": name, "mpsnr_db": 20.0, "mssim": 0.5} for name in ("net", "fourier_slice")]
-    axes = plots.scatter(pd.DataFrame(rows).assign(reference=reference)).axes[0]
-    assert axes.get_title("left") == f"One point per light field, {title}"
-    assert axes.get_ylabel() == label
-    assert len(axes.get_lines()) == (1 if reference == "fourier_slice" else 2)
-
-
-def test_the_scatter_says_that_truth_and_labels_judge():
-    rows = [{"method": "net", "mpsnr_db": 20.0, "mssim": 0.5, "reference": name} for name in ("truth", "fourier_slice")]
-    axes = plots.scatter(pd.DataFrame(rows)).axes[0]
-    assert axes.get_title("left") == "One point per light field, judged by label sources and by the truth"
+def test_comparison_shows_ends_and_middle_of_every_method_with_one_gain(planes, titles, values):
+    stacks = {name: stack(len(planes), gain=gain) * 10 for name, gain in (("first", 0.1), ("second", 0.05))}
+    figure = plots.comparison(stacks, planes, torch.full((3, H, W), 0.9))
+    shown = [(axes.get_title(), float(axes.images[0].get_array().max())) for axes in figure.axes if axes.images]
+    rows = [[(title, screen(gain * v)) for title, v in zip(titles, values, strict=True)] for gain in (1, 0.5)]
+    expected = [*rows[0], ("mean of all views, not refocused", screen(0.9)), *rows[1]]
+    assert [title for title, _ in shown] == [title for title, _ in expected]
+    assert [value for _, value in shown] == pytest.approx([value for _, value in expected], rel=1e-5)
+    assert [axes.get_ylabel() for axes in figure.axes[::3]] == ["first", "", "second"]

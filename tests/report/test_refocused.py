@@ -8,10 +8,8 @@ import pytest
 import torch
 from torch.nn import functional as F
 
-from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocus.focus.all_in_focus import all_in_focus
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import pictures
@@ -33,12 +31,6 @@ def test_pictures_are_written_in_their_format(tmp_path, kind, bits, suffix, chan
     assert (back.nchannels, str(back.spec().format)) == (channels, f"uint{bits}")
     tolerance = 0.02 if kind == "jpg" else 0.51 / (2**bits - 1)
     assert np.abs(back.get_pixels("float") - light_field.encoded(image)[..., :channels]).max() <= tolerance
-
-
-@pytest.mark.parametrize(("kind", "bits", "quality"), [("bmp", 8, 95), ("png", 32, 95), ("jpg", 16, 95), ("jpg", 8, 0)])
-def test_pictures_that_cannot_be_written_are_refused_at_once(kind, bits, quality):
-    with pytest.raises(InputError, match=r"format must|bits of|quality must"):
-        PictureFiles(kind, bits, quality)
 
 
 def test_the_mean_of_views_is_weighted():
@@ -68,10 +60,6 @@ def test_only_dark_linear_samples_are_brightened(encoding, gain):
     assert brightening(dark(encoding)) == pytest.approx(gain, rel=1e-3)
 
 
-def test_encoded_samples_keep_their_brightness():
-    assert brightening(dataclasses.replace(dark(), is_linear=False)) == 1.0
-
-
 @pytest.mark.parametrize("n_clipped", [0, 3])
 def test_pictures_clip_no_more_than_their_views(n_clipped):
     field = dark(n_clipped=n_clipped)
@@ -85,11 +73,6 @@ def test_pictures_clip_no_more_than_their_views(n_clipped):
     weight = torch.ones(3, 3, 1, 40, 50)
     weight[1, 1, :, 5, 5] = 0
     assert brightening(dataclasses.replace(field, weight=weight)) == pytest.approx(0.9 / 0.297, rel=1e-3)
-
-
-def test_white_and_black_light_fields_keep_their_brightness():
-    assert brightening(LightField(torch.ones(2, 2, 3, 8, 8))) == 1.0
-    assert brightening(LightField(torch.zeros(2, 2, 3, 8, 8))) == 1.0
 
 
 @pytest.fixture
@@ -116,34 +99,6 @@ def test_pixels_that_no_view_shows_continue_those_around_them(cornered, slope):
     is_known = stack[0, 0] > 0
     far = F.max_pool2d((~is_known).float()[None], 7, 1, 3)[0] == 0
     assert torch.equal(shown[0, 0][far], stack[0, 0][far])
-
-
-def test_mean_and_sharp_picture_have_no_black_corners(cornered):
-    slopes = FocalPlanes([0.0, 1.0])
-    stack = OperatorRefocuser("cells", shift_and_sum_through_cells)(cornered, slopes.slopes)
-    light_field = Refocused(cornered, stack, slopes)
-    for image in (light_field.mean, light_field.sharp, *light_field.shown):
-        assert float(image.min()) > 0.15
-
-
-def test_a_stack_without_gaps_stays_as_it_is(cornered):
-    stack = torch.rand(1, 1, 60, 80)
-    whole = dataclasses.replace(cornered, weight=torch.ones_like(cornered.weight))
-    for field in (whole, dataclasses.replace(cornered, weight=None)):
-        assert without_gaps(stack, field, torch.zeros(1)) is stack
-
-
-def test_planes_rise_from_the_least_slope_whatever_their_order():
-    stack = torch.rand(4, 3, 20, 24)
-    light_field = Refocused(LightField(torch.rand(1, 1, 3, 20, 24)), stack, FocalPlanes([0.5, -1, 0.5, 0]))
-    assert light_field.by_slope == [1, 3, 0]
-    assert torch.equal(light_field.sharp, all_in_focus(stack[[1, 3, 0]]).image)
-
-
-def test_without_a_depth_order_smaller_disparities_count_as_nearer_and_the_log_says_so(caplog):
-    light_field = refocused()
-    assert torch.equal(light_field.nearness, -light_field.disparity.disparity)
-    assert "reader.reverse_v=true reader.reverse_u=true" in caplog.text
 
 
 def test_pixels_without_weight_have_confidence_0():

@@ -12,9 +12,9 @@ from tests.simulator.drawing import psnr
 
 pytest.importorskip("mitsuba", reason="the extra `mitsuba` is not installed, or has no wheel for this machine")
 sys.path.append(str(ROOT / "benchmarks"))
-mitsuba_scenes = importlib.import_module("mitsuba_scenes")
-SCENES, SLOPES, VIEWS = mitsuba_scenes.SCENES, mitsuba_scenes.SLOPES, mitsuba_scenes.VIEWS
-MitsubaScene, apart_from_edges = mitsuba_scenes.MitsubaScene, mitsuba_scenes.apart_from_edges
+path_tracer = importlib.import_module("path_tracer")
+SCENES, SLOPES, VIEWS = path_tracer.SCENES, path_tracer.SLOPES, path_tracer.VIEWS
+MitsubaScene, apart_from_edges = path_tracer.MitsubaScene, path_tracer.apart_from_edges
 
 # Measured: 50 dB at least, where edges cut through pixels and where Mitsuba's pictures are noisy; else 69.8.
 AT_LEAST = 47.0
@@ -53,17 +53,17 @@ def test_truth_is_what_a_square_lens_records(scene):
 @pytest.mark.parametrize("view", [(3, 3), (0, 6)])
 def test_a_matte_surface_reflects_an_even_light(view):
     v, u = view
-    scene = mitsuba_scenes.matte()
+    scene = path_tracer.matte()
     views = lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views
     assert psnr(views[v, u], MitsubaScene(scene).view(u - 3, v - 3, samples=256)) > 55
 
 
 def test_each_surface_of_the_cards_is_in_focus_in_one_truth():
-    assert sorted(surface.geometry.disparity for surface in mitsuba_scenes.cards().surfaces) == [*SLOPES]
+    assert sorted(surface.geometry.disparity for surface in path_tracer.cards().surfaces) == [*SLOPES]
 
 
 def test_noise_of_path_tracing_hides_nothing():
-    first, second = (world(mitsuba_scenes.cards).through_disc(SLOPES[0], seed=seed) for seed in (1, 2))
+    first, second = (world(path_tracer.cards).through_disc(SLOPES[0], seed=seed) for seed in (1, 2))
     # Two noisy pictures differ by 3 dB more than each from what it should be.
     assert psnr(first, second) + 3 > AT_LEAST + 3
 

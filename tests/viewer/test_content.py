@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.errors import InputError
-from lfref.geometry import FocalPlanes
-from lfref.report import disparity_colours
-from lfref.report import refocused as refocused_module
+from lfref.report import pictures
 from lfref.viewer import coding, view_page
 from lfref.viewer.coding import ViewQuality
 from tests.viewer import cases
@@ -53,58 +50,31 @@ def test_the_map_has_the_colours_of_its_bar(content):
     places = (slopes.numpy().clip(scale["low"], scale["high"]) - scale["low"]) / (scale["high"] - scale["low"])
     expected = bar[np.rint(places * (len(bar) - 1)).astype(int)]
     is_known, is_unknown = (
-        confidence.numpy() >= disparity_colours.LEAST_CONFIDENCE,
-        confidence.numpy() < disparity_colours.LEAST_CONFIDENCE / 50,
+        confidence.numpy() >= pictures.LEAST_CONFIDENCE,
+        confidence.numpy() < pictures.LEAST_CONFIDENCE / 50,
     )
     assert np.median(np.abs(expected - shown)[is_known]) < 0.02
     assert is_known.any()
-    assert not is_unknown.any() or np.median(np.abs(shown[is_unknown] - disparity_colours.GREY)) < 0.05
-
-
-@pytest.mark.parametrize(
-    ("planes", "ends"), [([-1, 1], (-0.5, 1)), ([-2, 5], (-0.5, 2)), ([0], (-0.5, 2)), ([5, 6], (-0.5, 2))]
-)
-def test_the_map_spans_the_planes_where_slopes_lie_among_them(planes, ends):
-    assert disparity_colours.ends(np.array([[-0.5, 2.0]]), planes) == ends
+    assert not is_unknown.any() or np.median(np.abs(shown[is_unknown] - pictures.GREY)) < 0.05
 
 
 def test_the_map_is_grey_where_disparity_is_unknown():
     colours, confidence = np.ones((2, 3, 3)) * [1.0, 0.0, 0.2], np.array([[0, 0.05, 0.1], [1, 1, 0]])
-    greyed = disparity_colours.greyed(colours, confidence)
+    greyed = pictures.greyed(colours, confidence)
     assert np.allclose(greyed[[0, 1], [0, 2]], 0.5)
     assert np.allclose(greyed[0, 1], [0.75, 0.25, 0.35])
     assert np.allclose(greyed[0, 2], [1, 0, 0.2])
 
 
-def test_views_come_with_their_cameras(content):
-    views = content["views"]
-    assert views["size"] == [96, 128]
-    assert len(views["pictures"]) == len(views["cameras"]) == 25
-    assert views["cameras"][0] == [-2, -2]
-    assert views["cameras"][1] == [-1, -2], "x, then y"
-
-
 def test_every_view_has_its_least_quality_though_most_are_kept_as_differences(content):
     field, _ = cases.scene()
     assert content["views"]["reference"] == 12, "the central one"
+    assert content["views"]["cameras"][1] == [-1, -2], "x, then y"
     for view, shown in zip(field.views.flatten(0, 1), cases.views(content), strict=True):
         error = np.square(shown - cases.methods()["linear"].encoded(view)).mean()
         assert -10 * np.log10(error) >= coding.LEAST_DB
     middle = content["views"]["pictures"][12]
     assert np.mean([len(picture) for picture in content["views"]["pictures"]]) < 0.5 * len(middle)
-
-
-def test_views_that_predict_nothing_are_kept_whole():
-    field, _ = cases.scene()
-    unlike = dataclasses.replace(field, views=torch.rand(field.views.shape))
-    views = view_page._views(
-        dataclasses.replace(cases.methods()["linear"], field=unlike), np.zeros((96, 128)), coding.LOSSLESS, SMALL
-    )
-    assert views["reference"] is None
-    assert (
-        np.abs(cases.pixels(views["pictures"][3], "png") - cases.methods()["linear"].encoded(unlike.views[0, 3])).max()
-        < 0.003
-    )
 
 
 def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():
@@ -120,40 +90,13 @@ def test_views_that_are_missing_are_left_out_and_cameras_may_stand_anywhere():
     assert views["cameras"][-1] == [-0.5, 1.25]
 
 
-def test_many_large_views_are_made_smaller():
-    content = view_page.page_content(cases.methods(), quality=ViewQuality(most_pixels=25 * 96 * 128 / 4))
-    assert content["views"]["size"] == [48, 64]
-
-
 def test_exact_views_have_no_loss():
     views = view_page.page_content(cases.methods(), quality=ViewQuality(1e9, None))["views"]
+    assert views["size"] == [96, 128]
     assert views["reference"] is None
     field, first = cases.scene()[0], cases.methods()["linear"]
     for view, picture in zip(field.views.flatten(0, 1), views["pictures"], strict=True):
         assert np.abs(cases.pixels(picture, "png") - first.encoded(view)).max() <= 0.5 / 255 + 1e-6
-
-
-def test_views_reach_a_higher_quality_on_request():
-    content = view_page.page_content(cases.methods(), quality=ViewQuality(1e9, 47.0))
-    first = cases.methods()["linear"]
-    for view, shown in zip(first.field.views.flatten(0, 1), cases.views(content), strict=True):
-        assert -10 * np.log10(np.square(shown - first.encoded(view)).mean()) >= 47
-
-
-def test_methods_of_other_planes_are_refused():
-    shown = cases.methods()
-    shown["dim"] = dataclasses.replace(shown["dim"], planes=FocalPlanes([0.0, 1.0, 2.0, 3.0, 4.0]))
-    with pytest.raises(InputError, match="the same planes"):
-        view_page.page_content(shown)
-    with pytest.raises(InputError, match="at least one method"):
-        view_page.page_content({})
-
-
-def test_a_single_method_has_small_pictures():
-    only = {"linear": cases.methods()["linear"]}
-    content = view_page.page_content(only)
-    expected = only["linear"].encoded(only["linear"].stack[0])
-    assert np.abs(cases.pixels(content["methods"][0]["planes"][4]) - expected).mean() < 0.01
 
 
 def test_it_starts_at_the_textured_near_thing_in_the_middle(content):
@@ -186,15 +129,3 @@ def test_what_few_views_see_is_cropped_away_and_samples_keep_their_weights():
     assert np.abs(cases.pixels(masks[3], "png").squeeze() - expected).max() < 0.01
     view = cases.views(content)[0]
     assert view[2, 2].mean() > 0.2, "beside samples without weight there is no black"
-
-
-def test_whole_views_are_neither_cropped_nor_masked(content):
-    assert content["crop"] == [0, 0, 1, 1]
-    assert content["views"]["masks"] is None
-
-
-def test_weak_evidence_of_the_depth_order_counts(monkeypatch):
-    shown = dataclasses.replace(cases.methods()["linear"])
-    for score, near in ((0.2, 1), (-0.2, -1), (0.0, -1)):
-        monkeypatch.setattr(refocused_module, "order_score", lambda *_, score=score: score)
-        assert dataclasses.replace(shown).near_sign == near

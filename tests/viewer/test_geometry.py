@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lfref.viewer
-from lfref.viewer.coding import Prediction
 
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="needs node")
 SOURCE = Path(lfref.viewer.__file__).parent / "geometry.js"
@@ -49,11 +48,6 @@ def test_a_pinhole_interpolates_between_the_cameras_around_it(x, y):
     assert np.average(GRID, axis=0, weights=weights) == pytest.approx([x, y])
 
 
-def test_an_aperture_shrinks_where_it_would_leave_the_grid():
-    apertures = computed("[0, 1.5, 3].map((x) => fittingAperture({ ...lens, x }, [3, 2]))", lens=LENS)
-    assert apertures == [6, 3, 0]
-
-
 def test_shapes_are_what_they_are_called():
     points = [[1, 0], [0, 1], [0.9, 0.9], [0, -1]]
     # At width 1, a place of norm n, between 1/2 and 3/2, has the weight 3/2 - n.
@@ -67,27 +61,6 @@ def test_shapes_are_what_they_are_called():
     heart = norms["heart"]
     assert heart[1] < heart[0], "its point, below, reaches farther than its side"
     assert heart[3] > heart[1], "above there is the notch"
-
-
-def test_the_shape_of_a_grid_has_its_weights_and_grows_with_the_width():
-    rows = [[0, 0.2, 0], [0.4, 1, 0.6], [0, 0.8, 0]]
-    places = [[x, y] for y in (-1, 0, 1) for x in (-1, 0, 1)]
-    whole, half, outside = computed(
-        "[places.map(([x, y]) => shapeOf(rows, 2)(x, y, 2)), places.map(([x, y]) => shapeOf(rows, 2)(x / 3, y / 3, 0)),"
-        " [[3, 0], [0, -2], [1.5, 0]].map(([x, y]) => shapeOf(rows, 2)(x, y, 2))]",
-        rows=rows,
-        places=places,
-    )
-    assert whole == pytest.approx(np.ravel(rows).tolist())
-    assert half == pytest.approx(np.ravel(rows).tolist())
-    assert outside == pytest.approx([0, 0, 0.3])
-
-
-def test_the_cells_of_a_picture_count_by_their_mean():
-    pixels = np.random.default_rng(0).integers(0, 256, (6, 6, 4))
-    means = computed("cellMeans(Uint8ClampedArray.from(pixels), 3, 2)", pixels=pixels.ravel().tolist())
-    expected = pixels[..., :3].reshape(3, 2, 3, 2, 3).mean((1, 3, 4)) / 255
-    np.testing.assert_allclose(means, expected)
 
 
 def test_distances_follow_the_dioptres():
@@ -121,13 +94,6 @@ def test_the_nearest_surface_is_seen_from_any_viewpoint_under_any_tilt(lens, nea
         assert expected is None or found == pytest.approx(expected, abs=1.5 / 200), x
         n_known += expected is not None
     assert n_known >= 4
-
-
-def test_a_focus_puts_the_tilted_plane_through_the_point():
-    lens = LENS | {"tiltX": 0.8, "tiltY": -0.4}
-    assert computed("localSlope({ ...lens, slope: focusOn(lens, [0.2, 0.9], 0.3) }, [0.2, 0.9])", lens=lens) == (
-        pytest.approx(0.3)
-    )
 
 
 def test_a_plane_stands_for_what_the_whole_lens_shows_nearby():
@@ -173,13 +139,6 @@ def test_zoom_keeps_what_lies_under_the_pointer_unless_an_edge_comes_in(zoom, x,
             assert after[axis] == pytest.approx(before[axis], abs=1e-6)
 
 
-def test_the_window_holds_all_that_is_not_cropped():
-    box = computed("boxOf(centre, [390, 844], [0.1, 0.1, 0.9, 0.9], [540, 375])", centre=CENTRE)
-    assert box["width"] == pytest.approx(390 / 0.8)
-    assert box["left"] == pytest.approx(-39 / 0.8)
-    assert box["top"] + box["height"] / 2 == pytest.approx(422)
-
-
 @settings(max_examples=12, deadline=None)
 @given(
     slope=st.floats(-1, 1),
@@ -207,49 +166,6 @@ def test_an_address_holds_the_state(slope, x, y, aperture, tilt, shape, zoom, at
     assert state["lens"]["shape"] == shape
     if zoom > 1.001:
         assert state["place"] == pytest.approx(place, abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    "text", ["f=NaN&a=&x=one", "f=1e99&a=-4&z=1000&at=,", "shape=toString&__proto__=1", "%E0%A4&&&==", "at=1,2,3&z=2"]
-)
-def test_a_wrong_address_gives_a_picture(text):
-    state = computed("stateOf(text, whole, centre, limits)", text=text, whole=WHOLE, centre=CENTRE, limits=LIMITS)
-    assert state["lens"]["shape"] == "square"
-    assert -3 <= state["lens"]["slope"] <= 3
-    assert 0 <= state["lens"]["aperture"] <= 6
-    assert 1 <= state["place"]["zoom"] <= 8
-    assert None not in [*state["lens"].values(), *state["place"].values()]
-
-
-def test_addresses_are_short():
-    assert (
-        computed(
-            "addressOf({ ...whole, slope: -0.7104, x: 0.2, aperture: 4 }, centre, whole)", whole=WHOLE, centre=CENTRE
-        )
-        == "f=-.71&x=.2&a=4"
-    )
-
-
-@pytest.mark.parametrize(("size", "camera", "own"), [((24, 30), (2, -3), (0, 0)), ((48, 60), (-1.5, 0.5), (0.5, 0.5))])
-def test_a_view_is_restored_as_it_is_predicted(size, camera, own):
-    random = np.random.default_rng(0)
-    reference, difference = (random.integers(0, 256, (24, 30, 4), np.uint8) for _ in range(2))
-    disparity = random.uniform(-1.3, 1.1, size)
-    restored = computed(
-        "(() => { const view = Uint8ClampedArray.from(difference); addPrediction(view, { pixels: reference, size: [30, "
-        "24], camera: own }, camera, { values: Float32Array.from(disparity), size: across }); return [...view]; })()",
-        difference=difference.ravel().tolist(),
-        reference=reference.ravel().tolist(),
-        disparity=disparity.ravel().tolist(),
-        across=size[::-1],
-        camera=camera,
-        own=own,
-    )
-    predicted = 255 * Prediction(reference[..., :3] / 255, own, disparity).view(camera)
-    expected = (predicted + difference[..., :3] - 128).clip(0, 255)
-    error = np.abs(np.reshape(restored, (24, 30, 4))[..., :3] - expected).max(-1)
-    # Rounding may choose the neighbour of a pixel of the map.
-    assert (error > 0.51).mean() < 0.005
 
 
 def test_surroundings_are_means_and_ends_of_windows_that_stop_at_the_border():

@@ -1,25 +1,16 @@
 """The page in a browser: from disk, by mouse, keyboard and finger, at any size, without the network."""
 
 import base64
-import dataclasses
 import io
-import math
-import re
 
 import numpy as np
 import pytest
 import torch
 
-from lfref import encoding
 from lfref.functional.psnr import psnr
-from lfref.geometry import FocalPlanes
-from lfref.lightfield import LightField
-from lfref.refocus import apertures
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
 from lfref.report.refocused import Refocused
-from lfref.simulator import sim30
-from lfref.simulator.simulate import simulate
-from lfref.viewer import coding, view_page
+from lfref.viewer import view_page
 from tests.viewer import cases
 
 Image = pytest.importorskip("PIL.Image")
@@ -121,67 +112,6 @@ def open_drawer(tab):
 # The picture.
 
 
-def half_open(tmp_path):
-    """A picture whose left half is open."""
-    picture = Image.new("L", (40, 40), 0)
-    picture.paste(255, (0, 0, 20, 40))
-    picture.save(tmp_path / "half.png")
-    return tmp_path / "half.png"
-
-
-def test_a_picture_becomes_the_aperture_here_as_in_the_methods(opened, tmp_path):
-    tab = opened(f"#f={FAR}")
-    open_drawer(tab)
-    tab.set_input_files("#shape_file", half_open(tmp_path))
-    tab.wait_for_function("() => lens.shape === 'picture'")
-    settle(tab)
-    assert tab.input_value("#shape") == "picture"
-    assert "shape=picture" in tab.evaluate("() => location.hash")
-    field, _ = cases.scene()
-    weights = apertures.picture(field.grid, tmp_path / "half.png")
-    expected = shift_and_sum_through_cells(field.views, [FAR], weights=weights)[0]
-    other = shift_and_sum_through_cells(field.views, [FAR], weights=weights.flip(1))[0]
-    drawn = pixels(tab)
-    assert float(psnr(inner(drawn), inner(expected).double())) > 35
-    assert float(psnr(inner(drawn), inner(other).double())) < 30
-
-
-def test_the_page_gives_the_distance_in_focus_where_the_cameras_are_known(browser, tmp_path):
-    only = cases.methods()["linear"]
-    known = {"focal length": "50 mm", "sensor size": "25 mm", "baseline": "4 mm", "focus distance": "2 m"}
-    field = dataclasses.replace(only.field, metadata=known)
-    content = view_page.page_content({"x": dataclasses.replace(only, field=field)})
-    view_page.write(tmp_path / "index.html", "Known", {}, content)
-    context = browser.new_context(**WIDE)
-    tab = context.new_page()
-    tab.goto((tmp_path / "index.html").as_uri() + "#f=0.5")
-    tab.wait_for_function("() => drawing !== null")
-    settle(tab)
-    assert tab.text_content("#at_distance") == "1.01 m"  # 1 / (1 / 2 + .5 / (.004 * 256))
-    tap(tab, 0.5, 0.5)
-    slope, distance = re.fullmatch(r"Focus: slope (\S+), (\S+) m\.", tab.text_content("#status")).groups()
-    assert [float(slope), float(distance)] == pytest.approx([NEAR, 1 / (1 / 2 + NEAR / 1.024)], abs=0.02)
-    context.close()
-
-
-def test_a_file_that_is_no_picture_or_black_leaves_the_aperture(opened, tmp_path):
-    tab = opened()
-    open_drawer(tab)
-    (tmp_path / "text.png").write_text("no picture")
-    Image.new("L", (8, 8), 0).save(tmp_path / "black.png")
-    for name, message in (("text.png", "text.png is not a picture"), ("black.png", "nothing would be open")):
-        tab.set_input_files("#shape_file", tmp_path / name)
-        tab.wait_for_function("(text) => find('status').textContent.includes(text)", arg=message)
-        assert state(tab)["shape"] == "square"
-
-
-def test_it_opens_sharp_on_the_disc_and_shows_the_best_method(opened):
-    tab = opened()
-    assert state(tab)["slope"] == pytest.approx(NEAR, abs=0.05)
-    assert state(tab)["by"] == "plane"
-    assert tab.locator("#flat").evaluate("canvas => getComputedStyle(canvas).opacity") == "1"
-
-
 def test_the_lens_is_the_plain_sum_where_nothing_blurs(opened):
     tab = opened()
     field, truth = cases.scene()
@@ -204,39 +134,6 @@ def test_blur_is_that_of_cells_at_the_disparity_of_each_pixel(opened):
         assert to_cells > max(48, to_plain + 2)
 
 
-def in_8_bits(light):
-    """Light as a screen shows it."""
-    return encoding.SRGB.decode((255 * encoding.SRGB.encode(light.clamp(0, 1))).round() / 255)
-
-
-@pytest.mark.slow
-def test_the_lens_is_within_one_decibel_of_the_operator(browser, tmp_path):
-    scene, slopes = sim30.SCENES["thicket"], (-3.0, -1.0, 0.2, 0.5, 1.0, 3.0)
-    camera = dataclasses.replace(scene.camera, size=(144, 192))
-    simulated = simulate(dataclasses.replace(scene, camera=camera), slopes=slopes)
-    field = LightField(simulated.views.clamp(0, 1), "thicket")
-    shown = Refocused(field, shift_and_sum_through_cells(field.views, slopes), FocalPlanes(slopes))
-    content = view_page.page_content({"cells": shown}, quality=coding.ViewQuality(math.inf, None))
-    view_page.write(tmp_path / "index.html", "thicket", {}, content)
-    tab = browser.new_context(**WIDE).new_page()
-    tab.goto((tmp_path / "index.html").as_uri())
-    tab.wait_for_function("() => drawing !== null")
-    settle(tab)
-    ours = torch.stack([pixels(tab, slope=slope) for slope in slopes])
-    tab.context.close()
-    operator = in_8_bits(shift_and_sum_through_cells(in_8_bits(field.views), slopes))
-    to_truth = [psnr(inner(stack, 12).double(), inner(simulated.truth, 12).double()) for stack in (ours, operator)]
-    assert (to_truth[0] > to_truth[1] - 1).all(), to_truth
-
-
-def test_a_pinhole_shows_a_view_from_any_viewpoint(opened):
-    tab = opened()
-    field, _ = cases.scene()
-    for x, y, view in ((0, 0, (2, 2)), (2, -1, (1, 4))):
-        shown = pixels(tab, slope=0, aperture=0, x=x, y=y)
-        assert float(psnr(inner(shown), inner(field.views[view].double()))) > 35
-
-
 @pytest.mark.parametrize("fragment", ["", "#plain"])
 def test_views_are_restored_from_their_differences(opened, fragment):
     tab = opened(fragment)
@@ -250,15 +147,6 @@ def test_views_are_restored_from_their_differences(opened, fragment):
         difference = inner(pixels(tab, slope=0, aperture=0, x=x, y=y) - expected).abs()
         assert float(difference.median()) < 0.005
         assert float(difference.square().mean().sqrt()) < 0.01
-
-
-def test_without_webgl_the_processor_sums_the_views(opened):
-    tab = opened("#plain")
-    assert tab.get_attribute("#live", "data-by") == "canvas"
-    field, _ = cases.scene()
-    expected = shift_and_sum(field.views, [0.0])[0].double()
-    coarse = torch.nn.functional.avg_pool2d(expected, 2)
-    assert float(psnr(inner(pixels(tab, slope=0.0)), inner(coarse))) > 30
 
 
 def test_samples_without_weight_leave_no_shadow(browser, tmp_path):
@@ -279,28 +167,6 @@ def test_samples_without_weight_leave_no_shadow(browser, tmp_path):
     # Nor is there any where no view sees a pixel: seen from the side, and through a pinhole.
     for beside in ({"x": 1.5, "y": 1.5}, {"x": -2, "y": 1, "aperture": 0}):
         assert float(pixels(tab, slope=0.0, **beside).mean(0).min()) > 0.5 * float(whole.mean(0).min())
-    tab.context.close()
-
-
-def test_planes_without_views_are_shown_as_they_are(browser, tmp_path):
-    field = cases.scene()[0]
-    one = LightField(field.views[2:3, 2:3], "one")
-    shown = Refocused(one, cases.methods()["linear"].stack, cases.PLANES)
-    view_page.write(tmp_path / "index.html", "planes", {}, view_page.page_content({"planes": shown}))
-    errors, tab = [], browser.new_context(**WIDE).new_page()
-    tab.on("pageerror", lambda error: errors.append(str(error)))
-    tab.goto((tmp_path / "index.html").as_uri())
-    assert tab.locator("#aperture").count() == 0
-    for value, title in (("0", "far"), ("1", "near")):
-        tab.locator("#focus").fill(value)
-        tab.wait_for_function(
-            f"() => stage.dataset.rests === 'true' && Math.abs(nearness(lens.slope) - {value}) < 1e-9"
-        )
-        assert state(tab)["by"] == "plane", title
-        expected = shown.encoded(shown.stack[cases.PLANES.values.index(state(tab)["slope"])])
-        _, picture = saved(tab)
-        assert np.abs(picture - expected).mean() < 0.02
-    assert errors == []
     tab.context.close()
 
 
@@ -347,25 +213,6 @@ def test_taps_are_right_under_tilt_and_from_any_viewpoint(opened, part):
     assert (np.abs(misses) < 0.25).mean() >= 0.95
 
 
-def test_a_tap_on_unknown_disparity_keeps_the_focus(opened):
-    tab = opened()
-    tab.evaluate("() => depth.confidence.fill(0)")
-    before = state(tab)["slope"]
-    tap(tab, 0.1, 0.1)
-    assert state(tab)["slope"] == before
-    assert "unknown" in tab.inner_text("#status")
-
-
-def test_a_tap_hits_what_is_seen_in_an_enlarged_picture(opened):
-    tab = opened()
-    tab.mouse.move(300, 300)
-    tab.mouse.wheel(0, -500)
-    settle(tab)
-    assert state(tab)["zoom"] > 2
-    tap(tab, 0.2, 0.25)
-    assert state(tab)["slope"] == pytest.approx(FAR, abs=0.05)
-
-
 # Gestures.
 
 
@@ -398,18 +245,6 @@ def test_shift_tilts_and_control_moves_the_enlarged_picture(opened):
     assert state(tab)["tiltX"] == tilted["tiltX"]
 
 
-def test_the_wheel_zooms_about_the_pointer_and_not_beyond_the_edge(opened):
-    tab = opened()
-    tab.mouse.move(500, 300)
-    at = tab.evaluate("() => pointUnder(currentBox(), 500, 300)")
-    tab.mouse.wheel(0, -600)
-    settle(tab)
-    assert tab.evaluate("() => pointUnder(currentBox(), 500, 300)") == pytest.approx(at, abs=1e-3)
-    tab.mouse.wheel(0, 5000)
-    settle(tab)
-    assert state(tab)["zoom"] == 1
-
-
 def test_two_fingers_zoom(opened):
     tab = opened(viewport={"width": 390, "height": 844}, has_touch=True)
     session = tab.context.new_cdp_session(tab)
@@ -425,25 +260,6 @@ def test_two_fingers_zoom(opened):
     settle(tab)
     assert state(tab)["zoom"] == pytest.approx(2, rel=0.05)
     assert state(tab)["slope"] == pytest.approx(NEAR, abs=0.05), "a pinch is no tap"
-
-
-def test_a_finger_focuses_on_a_telephone(opened):
-    tab = opened(viewport={"width": 390, "height": 844}, has_touch=True)
-    assert tab.evaluate("() => document.documentElement.scrollWidth") <= 390
-    tab.touchscreen.tap(*in_window(tab, 0.06, 0.12))
-    settle(tab)
-    assert state(tab)["slope"] == pytest.approx(FAR, abs=0.05)
-
-
-def test_a_tilted_telephone_looks_around(opened):
-    tab = opened(reduced_motion="no-preference", fragment="#f=0")
-    for gamma in (0, 10):
-        tab.evaluate(
-            "(gamma) => dispatchEvent(new DeviceOrientationEvent('deviceorientation', { alpha: 0, beta: 40, gamma }))",
-            gamma,
-        )
-    settle(tab)
-    assert state(tab)["x"] == pytest.approx(1.0, abs=0.01)
 
 
 # Keys and sliders.
@@ -478,51 +294,6 @@ def test_every_key_does_what_the_page_says(opened):
     assert lens()["slope"] == pytest.approx(NEAR, abs=0.05), "the middle of the picture"
 
 
-def test_sliders_and_state_mirror_each_other(opened):
-    tab = opened()
-    tab.locator("#focus").fill("0")
-    tab.locator("#aperture").fill("1")
-    settle(tab)
-    assert tab.evaluate("() => [lens.slope, lens.aperture]") == [-1, 1]
-    tab.locator("#stage").press("Home")
-    settle(tab)
-    assert tab.input_value("#focus") == "1"
-    assert "slope 1.00" in tab.get_attribute("#focus", "aria-valuetext")
-
-
-def test_a_sweep_goes_from_near_to_far_until_it_is_stopped(opened):
-    tab = opened()
-    open_drawer(tab)
-    tab.click("#sweep")
-    slopes = set()
-    for _ in range(200):
-        tab.wait_for_timeout(30)
-        slopes.add(round(tab.evaluate("() => lens.slope"), 1))
-        if min(slopes) <= -0.9 and max(slopes) >= 0.9:
-            break
-    assert len(slopes) > 5
-    tab.click("#sweep")
-    still = tab.evaluate("() => lens.slope")
-    tab.wait_for_timeout(300)
-    assert tab.evaluate("() => lens.slope") == still
-
-
-def test_many_events_of_a_slider_are_one_drawing_a_frame(opened):
-    tab = opened()
-    tab.evaluate(
-        """() => {
-          globalThis.drawn = 0;
-          const draw = drawing.draw;
-          drawing.draw = (...words) => { drawn++; draw(...words); };
-          const slider = find("focus");
-          for (let k = 0; k < 100; k++) { slider.value = k / 99; slider.dispatchEvent(new Event("input")); }
-        }"""
-    )
-    settle(tab)
-    assert tab.evaluate("() => drawn") <= 2, "one while it moves, and one at rest"
-    assert tab.evaluate("() => lens.slope") == 1
-
-
 # The drawer.
 
 
@@ -551,20 +322,6 @@ def test_methods_are_compared_without_loss(opened):
     assert max(difference[:3]) == 255, "8 times a difference of two fifths"
 
 
-def test_other_pictures_are_shown_and_saved(opened):
-    tab = opened()
-    open_drawer(tab)
-    for show in ("sharp", "map"):
-        tab.check(f"#show_{show}")
-        settle(tab)
-        assert state(tab)["by"] == show
-    name, picture = saved(tab)
-    assert name == "A_disc_script_alert_1_script_map.png"
-    assert picture.shape == (96, 128, 3)
-    tap(tab, 0.06, 0.12)
-    assert tab.is_checked("#show_picture")
-
-
 def test_the_picture_is_saved_in_its_own_pixels_with_its_focus_in_the_name(opened):
     tab = opened("#f=0.25&a=2")
     settle(tab)
@@ -573,25 +330,6 @@ def test_the_picture_is_saved_in_its_own_pixels_with_its_focus_in_the_name(opene
     light = pixels(tab).permute(1, 2, 0).numpy()
     encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     assert np.abs(picture - encoded).max() < 0.01
-
-
-def test_a_loop_is_saved_as_a_video(opened):
-    tab = opened()
-    open_drawer(tab)
-    with tab.expect_download(timeout=30_000) as waiting:
-        tab.click("#loop")
-    assert waiting.value.suggested_filename.rpartition(".")[2] in ("mp4", "webm")
-    assert waiting.value.path().stat().st_size > 10_000
-
-
-def test_the_drawer_opens_beside_the_picture_and_gives_the_focus_back(opened):
-    tab = opened()
-    open_drawer(tab)
-    stage, drawer = (tab.locator(name).bounding_box() for name in ("#stage", "#drawer"))
-    assert stage["x"] + stage["width"] <= drawer["x"] + 1
-    tab.keyboard.press("Escape")
-    assert tab.locator("#drawer").is_hidden()
-    assert tab.evaluate("() => document.activeElement.id") == "more"
 
 
 # The address, and a page around this one.
@@ -629,25 +367,6 @@ def test_an_embedded_page_shows_the_picture_alone_and_listens(browser, path, tmp
 # For everybody.
 
 
-def test_it_shows_what_it_can_do_once_unless_motion_is_unwanted(opened):
-    tab = opened(reduced_motion="no-preference")
-    assert "Tap to focus" in tab.inner_text("#status")
-    assert tab.evaluate("() => performance.now()") > 2000, "the first breath takes two seconds"
-    assert tab.evaluate("() => [lens.x, lens.slope - WHOLE.slope]") == [0, 0]
-    still = opened()
-    assert still.inner_text("#status") == ""
-    still.mouse.click(*in_window(still, 0.06, 0.12))
-    still.wait_for_function(f"() => Math.abs(lens.slope - {FAR}) < 0.05", timeout=2000)
-
-
-def test_full_screen_and_back(opened):
-    tab = opened()
-    for is_full in (True, False):
-        tab.click("#full")
-        tab.wait_for_function(f"() => (document.fullscreenElement !== null) === {str(is_full).lower()}")
-        assert tab.evaluate("() => stage.clientWidth") > 0
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 900), (2560, 1440)])
 def test_axe_finds_nothing(opened, width, height, scheme):
@@ -678,10 +397,6 @@ def test_a_gallery_opens_its_pages_and_axe_finds_nothing(browser, tmp_path, widt
     context.close()
 
 
-def test_a_title_is_no_program(opened):
-    assert opened().inner_text("h1") == "A disc <script>alert(1)</script>"
-
-
 @pytest.fixture
 def in_parts(tmp_path, monkeypatch):
     """A page whose pictures lie in a folder beside it."""
@@ -707,17 +422,6 @@ def test_a_large_page_loads_its_pictures_from_the_folder_beside_it(browser, in_p
     assert state(tab)["by"] == "sharp"
     assert messages == []
     assert len(in_parts.read_text()) < 300_000
-    tab.context.close()
-
-
-def test_a_large_page_says_which_picture_is_missing(browser, in_parts):
-    for picture in (in_parts.parent / "index_pictures").iterdir():
-        picture.unlink()
-    tab = browser.new_context(**WIDE).new_page()
-    tab.goto(in_parts.as_uri())
-    tab.wait_for_function("() => find('status').textContent.includes('is missing')")
-    assert "belongs beside this page" in tab.locator("#status").text_content()
-    tab.wait_for_function("() => stage.dataset.by === 'plane'")  # the first picture is in the page itself
     tab.context.close()
 
 

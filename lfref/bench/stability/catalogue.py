@@ -1,35 +1,19 @@
 """The catalogue of hard cases: inputs on which textbook formulas lose digits, overflow or divide by zero.
 
-A case makes the same input in any type, and states what must hold for the results.
+A case makes the same input in any type.
 Letters: `x y` prediction and target, [B, C, H, W]; `V U` view rows and columns, `N` planes.
 """
 
 from collections.abc import Callable
-from enum import StrEnum
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from lfref.simulator.mattes import Disc, Full, Outline
-from lfref.simulator.scene import Camera, Light, Scene, Surface
-from lfref.simulator.surfaces import Dome, Geometry, Plane
-from lfref.simulator.textures import Flat
-
 SHAPE = (2, 3, 24, 32)
-LARGE = (1, 48, 375, 540)
-"""The stack of a whole field as one image: the longest reduction there is."""
 
 Make = Callable[[torch.dtype], tuple[Tensor, ...]]
 """(dtype) -> the input; gradients are taken with respect to its first tensor."""
-
-
-class Demand(StrEnum):
-    """Demand on the result of a case."""
-
-    ACCURATE = "finite, with a finite gradient, and accurate"
-    VISIBLE = "not finite where the input is not, and only in that image"
-    REFUSABLE = "accurate, or refused with an error"
 
 
 class HardCase(NamedTuple):
@@ -37,9 +21,6 @@ class HardCase(NamedTuple):
 
     name: str
     make: Make
-    demand: Demand = Demand.ACCURATE
-    is_large: bool = False
-    """Whether the case takes seconds: it is then run only in float32 and bfloat16, and only if `takes_large`."""
 
 
 def noise(*shape: int, seed: int = 0) -> Tensor:
@@ -65,12 +46,6 @@ def _squared_error(m: float) -> Make:
     return _rounded(m**0.5 * noise(*SHAPE).sign(), torch.zeros(SHAPE))
 
 
-def _one_ulp(dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    target = (0.5 + 0.4 * noise(*SHAPE)).to(dtype)
-    bits = torch.int32 if dtype == torch.float32 else torch.int16
-    return (target.view(bits) + 1).view(dtype), target
-
-
 def _denormal(dtype: torch.dtype) -> tuple[Tensor, Tensor]:
     smallest = torch.finfo(dtype).smallest_normal
     return (smallest / 4 * noise(*SHAPE)).to(dtype), torch.zeros(SHAPE, dtype=dtype)
@@ -88,14 +63,6 @@ def _benign(shape: tuple[int, ...]) -> list[Tensor]:
     return [target + 0.05 * noise(*shape, seed=1), target]
 
 
-def _channels_last(dtype: torch.dtype) -> tuple[Tensor, ...]:
-    return tuple(image.to(dtype, memory_format=torch.channels_last) for image in _benign(SHAPE))
-
-
-def _large(dtype: torch.dtype) -> tuple[Tensor, ...]:
-    return tuple(image.to(dtype).expand(LARGE).contiguous() for image in _benign((1, 1, *LARGE[2:])))
-
-
 def _flat(level: float) -> Make:
     return _rounded(level + 1e-3 * noise(*SHAPE), torch.full(SHAPE, level))
 
@@ -108,12 +75,10 @@ def _hot_pixel(value: float) -> Make:
 
 _BOARD = 0.5 + 0.4 * checkerboard(*SHAPE[-2:]).expand(SHAPE)
 _TARGET = 0.5 + 0.4 * noise(*SHAPE)
-_BRIGHT = (0.6 + 2 * noise(*SHAPE)).clamp(0, 1)
 
 IMAGES: tuple[HardCase, ...] = (
     HardCase("benign", _rounded(*_benign(SHAPE))),
     HardCase("identical images", _rounded(_TARGET, _TARGET)),
-    HardCase("one ulp apart", _one_ulp),
     *(HardCase(f"MSE {m:g}", _squared_error(m)) for m in (1e-30, 0.999, 1, 1.001, 4, 1e4)),
     *(HardCase(f"flat {level:g}, ripple .001", _flat(level)) for level in (0, 0.5, 0.9, 1)),
     HardCase("flat 0.5 against flat 0.6", _rounded(torch.full(SHAPE, 0.5), torch.full(SHAPE, 0.6))),
@@ -122,7 +87,6 @@ IMAGES: tuple[HardCase, ...] = (
         for mean in (0.9, 64, 1000)
         for contrast in (0.01, 0.001)
     ),
-    HardCase("saturated", _rounded(_BRIGHT, (_BRIGHT + 0.2 * noise(*SHAPE, seed=2)).clamp(0, 1))),
     HardCase("black against black", _rounded(torch.zeros(SHAPE), torch.zeros(SHAPE))),
     HardCase("black prediction", _rounded(torch.zeros(SHAPE), _TARGET)),
     HardCase("one hot pixel", _hot_pixel(1)),
@@ -132,18 +96,14 @@ IMAGES: tuple[HardCase, ...] = (
     HardCase("negative prediction", _rounded(_TARGET - 1, _TARGET)),
     HardCase("x against -x", _rounded(-noise(*SHAPE), noise(*SHAPE))),
     HardCase("denormal prediction", _denormal),
-    HardCase("one NaN in the prediction", _spoil_pixel(torch.nan), Demand.VISIBLE),
-    HardCase("one NaN in the target", _spoil_pixel(torch.nan, 1), Demand.VISIBLE),
-    HardCase("one infinity in the prediction", _spoil_pixel(torch.inf), Demand.VISIBLE),
-    HardCase("one -infinity in the target", _spoil_pixel(-torch.inf, 1), Demand.VISIBLE),
-    HardCase("one row", _rounded(*_benign((2, 3, 1, 32))), Demand.REFUSABLE),
-    HardCase("5 pixels wide", _rounded(*_benign((2, 3, 24, 5))), Demand.REFUSABLE),
+    HardCase("one NaN in the prediction", _spoil_pixel(torch.nan)),
+    HardCase("one NaN in the target", _spoil_pixel(torch.nan, 1)),
+    HardCase("one infinity in the prediction", _spoil_pixel(torch.inf)),
+    HardCase("one -infinity in the target", _spoil_pixel(-torch.inf, 1)),
     HardCase("11 pixels wide", _rounded(*_benign((2, 3, 24, 11)))),
     HardCase("batch of 1", _rounded(*_benign((1, 3, 24, 32)))),
-    HardCase("channels last", _channels_last),
-    HardCase("48 x 375 x 540", _large, is_large=True),
 )
-"""Pairs of images (x, y), [B, C, H, W]; in the VISIBLE ones, only the first image has a bad pixel."""
+"""Pairs of images (x, y), [B, C, H, W]; where a pixel is not finite, it is in the first image only."""
 
 GRID = (3, 4)
 
@@ -177,10 +137,6 @@ def _views_with(value: float, index: tuple[int, ...]) -> Tensor:
     return views
 
 
-def _views_channels_last() -> Tensor:
-    return _views().movedim(2, -1).contiguous().movedim(-1, 2)
-
-
 _SLOPES = (-1.3, -0.45, 0.4)
 _DEAD_VIEW_WEIGHTS = torch.ones(GRID, dtype=torch.float64).index_put(
     (torch.tensor(0), torch.tensor(0)), torch.tensor(0.0).double()
@@ -202,13 +158,12 @@ FIELDS: tuple[HardCase, ...] = (
     HardCase("weights of 1e308", _field(_views(), _SLOPES, torch.full(GRID, 1e308, dtype=torch.float64))),
     HardCase("weights from 1e-30 to 1", _field(_views(), _SLOPES, 10 ** (15 * noise(*GRID) - 15))),
     HardCase("a dead view of NaN, weight 0", _field(_views_with(torch.nan, (0, 0)), _SLOPES, _DEAD_VIEW_WEIGHTS)),
-    HardCase("one NaN", _field(_views_with(torch.nan, (1, 1, 0, 7, 7)), _SLOPES), Demand.VISIBLE),
-    HardCase("one infinity", _field(_views_with(torch.inf, (1, 1, 0, 7, 7)), _SLOPES), Demand.VISIBLE),
+    HardCase("one NaN", _field(_views_with(torch.nan, (1, 1, 0, 7, 7)), _SLOPES)),
+    HardCase("one infinity", _field(_views_with(torch.inf, (1, 1, 0, 7, 7)), _SLOPES)),
     HardCase("black", _field(torch.zeros_like(_views()), _SLOPES)),
     HardCase("mean 1000, contrast .001", _field(1000 + 1e-3 * noise(*GRID, 3, 15, 18), _SLOPES)),
     HardCase("one hot pixel of 1000", _field(_views_with(1000, (1, 1, 0, 7, 7)), _SLOPES)),
     HardCase("denormal", _field(1e-40 * _views(), _SLOPES)),
-    HardCase("channels last", _field(_views_channels_last(), _SLOPES)),
 )
 """Views [V, U, C, H, W], evenly spaced slopes [N] and weights [V, U]."""
 
@@ -232,7 +187,7 @@ NETWORK_VIEWS: tuple[HardCase, ...] = (
     HardCase("mean .9, contrast .001", _batch(0.9, 0.001)),
     HardCase("mean 1000, contrast .01", _batch(1000, 0.01)),
     HardCase("one pixel of 1000", _batch_with(1000)),
-    HardCase("one NaN", _batch_with(torch.nan), Demand.VISIBLE),
+    HardCase("one NaN", _batch_with(torch.nan)),
     HardCase("batch of 1", _batch(0.5, 0.4, batch=1)),
     HardCase("odd sizes", _batch(0.5, 0.4, size=(13, 11))),
     HardCase("two pixels", _batch(0.5, 0.4, size=(1, 2))),
@@ -260,44 +215,3 @@ STARTS: tuple[HardCase, ...] = (
     HardCase("two pixels", _start(_crops(1, NETWORK_GRID, 1, 2))),
 )
 """Crops [B, V, U, C, H, W] and labels [B, N, C, H, W] of which a network starts."""
-
-CAMERA = Camera(grid=(3, 4), size=(24, 32))
-SCENE_SLOPES = (-7.0, -0.5, 1e-9, 1.0)
-"""Slopes of the truth of `SCENES`."""
-
-
-def _surface(geometry: Geometry | float, matte: Outline | None = None, colour: float = 0.5, **more: object) -> Surface:
-    where = geometry if isinstance(geometry, Geometry) else Plane(geometry)
-    return Surface(where, Flat((colour,) * 3), matte or Full(), **more)  # type: ignore[arg-type]
-
-
-def _scene(*surfaces: Surface, camera: Camera = CAMERA) -> Scene:
-    return Scene(camera, surfaces)
-
-
-_BEHIND = _surface(-0.7)
-
-SCENES: dict[str, Scene] = {
-    "a wall": _scene(_surface(0.3)),
-    "whole disparity": _scene(_surface(1.0)),
-    "half disparity": _scene(_surface(0.5)),
-    "disparity 1e-9 from 1": _scene(_surface(1 + 1e-9)),
-    "disparity -7": _scene(_surface(-7.0)),
-    "black": _scene(_surface(0.3, colour=0.0)),
-    "light of 1e6": Scene(CAMERA, (_surface(0.3),), Light(1e6)),
-    "light of 1e-30": Scene(CAMERA, (_surface(0.3),), Light(1e-30)),
-    "steepest slant": _scene(_surface(Plane(0.0, (0.25, 0.0)))),
-    "crossing slants": _scene(_surface(Plane(0.0, (0.1, 0.0))), _surface(Plane(0.0, (-0.1, 0.0)))),
-    "dome": _scene(_BEHIND, _surface(Dome(0.2, 0.5, 9.0))),
-    "two at one disparity": _scene(_surface(0.5), _surface(0.5, Disc(6.3))),
-    "two 1e-12 apart": _scene(_surface(0.5), _surface(0.5 + 1e-12, Disc(6.3))),
-    "disc in front": _scene(_BEHIND, _surface(0.8, Disc(6.3))),
-    "disc of one pixel": _scene(_BEHIND, _surface(0.8, Disc(0.5))),
-    "opacity 0": _scene(_BEHIND, _surface(0.8, Disc(6.3), opacity=0.0)),
-    "opacity .5": _scene(_BEHIND, _surface(0.8, Disc(6.3), opacity=0.5)),
-    "motion": _scene(_BEHIND, _surface(0.8, Disc(6.3), motion=(3.3, -1.7))),
-    "one view": _scene(_BEHIND, _surface(0.8, Disc(6.3)), camera=Camera(grid=(1, 1), size=(24, 32))),
-    "round aperture": _scene(_BEHIND, _surface(0.8, Disc(6.3)), camera=Camera((3, 4), (24, 32), "disc")),
-}
-"""Scenes whose surfaces all have one colour, which every view and every plane must have everywhere. Wrong weights show
-as another colour: of surfaces that hide, slant, move, let light through, or end between samples."""

@@ -1,8 +1,10 @@
-"""Reference values: losses, metrics and refocused stacks in float64, in forms whose steps are all well conditioned.
+"""Reference values, in forms whose steps are all well conditioned, and textbook formulas as they are in wide use.
 
-They share no code with the package: local means are products with banded matrices, views are read by a matrix of the
-interpolation's kernel, and the continuation of 1 / PSNR is written out piece by piece.
-Letters: `x y` prediction and target, [..., C, H, W]; `d` distance in pixels, `s` slope, `m` mean squared error.
+Reference forms get float64 and share no code with the package: local means are products with banded matrices, views are
+read by a matrix of the interpolation's kernel. Textbook forms compute in the type of their input; on benign input in
+float32, each is as accurate as its definition allows.
+Letters: `x y` prediction and target, [B, C, H, W]; `d` distance in pixels, `s` slope, `m` mean squared error, `v u`
+view row and column.
 """
 
 import functools
@@ -10,9 +12,15 @@ import math
 from collections.abc import Callable
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
+from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
+from lfref import geometry
+from lfref.functional.psnr import CEILING_DB
 from lfref.losses.composite import paper_weights
+
+# Losses and metrics, [B].
 
 C1, C2 = 0.01**2, 0.03**2
 RADIUS, SIGMA = 5, 1.5
@@ -22,29 +30,40 @@ _K = math.log(10) / 10
 
 
 def mse(x: Tensor, y: Tensor) -> Tensor:
-    """Mean squared error of each image, [...]."""
+    """Mean squared error, in the type of the images; the textbook form too."""
     return (x - y).square().mean((-3, -2, -1))
 
 
 def l1(x: Tensor, y: Tensor) -> Tensor:
-    """Mean absolute error of each image, [...]."""
+    """Mean absolute error, likewise."""
     return (x - y).abs().mean((-3, -2, -1))
 
 
 def psnr(x: Tensor, y: Tensor) -> Tensor:
-    """PSNR in dB, at most 100, [...]."""
+    """PSNR in dB, at most 100."""
     return -10 * mse(x, y).clamp(min=FLOOR).log10()
 
 
+def textbook_psnr(x: Tensor, y: Tensor) -> Tensor:
+    """Torchmetrics' PSNR, capped as ours is, so that identical images have a value."""
+    values = [peak_signal_noise_ratio(a, b, data_range=1.0) for a, b in zip(x, y, strict=True)]
+    return torch.stack(values).clamp(max=CEILING_DB)
+
+
 def inverse_psnr(x: Tensor, y: Tensor) -> Tensor:
-    """1 / PSNR between 100 and 8.69 dB, and its tangents beyond them, [...]."""
+    """1 / PSNR between 100 and 8.69 dB, and its tangents beyond them."""
     m = mse(x, y)
     low, high = (-_K / math.log(end) + _K / (end * math.log(end) ** 2) * (m - end) for end in (FLOOR, JOIN))
     return torch.where(m < FLOOR, low, torch.where(m > JOIN, high, -_K / m.clamp(FLOOR, JOIN).log()))
 
 
+def textbook_inverse_psnr(x: Tensor, y: Tensor) -> Tensor:
+    """The paper's psi_2."""
+    return 1 / (-10 * torch.log10(mse(x, y)))
+
+
 def one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
-    """1 - SSIM of each image, [...].
+    """1 - SSIM.
 
     With d = x - y and s = x + y, 1 - SSIM = a + b - ab, where a compares the means and b the variances of d and s: no
     two nearly equal numbers are subtracted.
@@ -57,15 +76,27 @@ def one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
     return (a + b - a * b).mean((-3, -2, -1))
 
 
-def ssim(x: Tensor, y: Tensor) -> Tensor:
-    """SSIM of each image, [...]."""
-    return 1 - one_minus_ssim(x, y)
+def textbook_one_minus_ssim(x: Tensor, y: Tensor) -> Tensor:
+    """1 - torchmetrics' SSIM."""
+    values = structural_similarity_index_measure(x, y, data_range=1.0, reduction="none")
+    assert isinstance(values, Tensor)
+    return 1 - values.reshape(-1)
 
 
 def composite(x: Tensor, y: Tensor) -> Tensor:
-    """The paper's loss, [...]."""
-    weights, terms = paper_weights(), {"mse": mse, "l1": l1, "ssim": one_minus_ssim, "inverse_psnr": inverse_psnr}
-    return torch.stack([weights[name] * term(x, y) for name, term in terms.items()]).sum(0)
+    """The paper's loss of the reference forms."""
+    return _weighted(mse(x, y), l1(x, y), one_minus_ssim(x, y), inverse_psnr(x, y))
+
+
+def textbook_composite(x: Tensor, y: Tensor) -> Tensor:
+    """The paper's loss of the textbook forms."""
+    return _weighted(mse(x, y), l1(x, y), textbook_one_minus_ssim(x, y), textbook_inverse_psnr(x, y))
+
+
+def _weighted(*terms: Tensor) -> Tensor:
+    weights = paper_weights()
+    names = ("mse", "l1", "ssim", "inverse_psnr")
+    return torch.stack([weights[name] * term for name, term in zip(names, terms, strict=True)]).sum(0)
 
 
 def _mean(planes: Tensor) -> Tensor:
@@ -89,6 +120,8 @@ def _window(length: int) -> Tensor:
     index = length - 1 - (length - 1 - index).abs()
     return torch.zeros(length, length, dtype=torch.float64).scatter_add_(1, index, weights.expand(length, -1))
 
+
+# Operators: views [V, U, C, H, W], slopes [N], weights [V, U] -> stack [N, C, H, W].
 
 Kernel = Callable[[Tensor], Tensor]
 """Weight of a sample at a distance in pixels."""
@@ -151,3 +184,29 @@ def _dirichlet(d: Tensor, length: int) -> Tensor:
     d = d - length * (d / length).round()
     at_nyquist = (math.pi * d / length).cos() if length % 2 == 0 else 1.0
     return torch.sinc(d) / torch.sinc(d / length) * at_nyquist
+
+
+def grid_sample(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    """Textbook shift-and-sum: `grid_sample` with repeated edges, in the type of the views."""
+    share, (n_channels, height, width) = weights.to(views.dtype) / weights.to(views.dtype).sum(), views.shape[2:]
+    planes = []
+    for slope in slopes.tolist():
+        plane = torch.zeros_like(views[0, 0])
+        for v, y in enumerate(geometry.angular_offsets(share.shape[0]).tolist()):
+            for u, x in enumerate(geometry.angular_offsets(share.shape[1]).tolist()):
+                move = torch.tensor([[1, 0, 2 * slope * x / (width - 1)], [0, 1, 2 * slope * y / (height - 1)]])
+                grid = F.affine_grid(move[None], [1, n_channels, height, width], align_corners=True).to(views.dtype)
+                plane += share[v, u] * F.grid_sample(views[v, u, None], grid, "bilinear", "border", True)[0]
+        planes.append(plane)
+    return torch.stack(planes)
+
+
+def phase_ramps(views: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+    """Textbook Fourier shifts: phases in float32, and no rule for the Nyquist bin."""
+    share, size = weights.to(views.dtype) / weights.to(views.dtype).sum(), views.shape[-2:]
+    spectra = torch.fft.rfft2(views * share[:, :, None, None, None])
+    ky, kx = torch.fft.fftfreq(size[0])[:, None], torch.fft.rfftfreq(size[1])
+    v, u = (geometry.angular_offsets(n).float() for n in share.shape)
+    crossing = v[:, None, None, None] * ky + u[:, None, None] * kx
+    ramps = [torch.exp(2j * torch.pi * float(slope) * crossing)[:, :, None] for slope in slopes]
+    return torch.stack([torch.fft.irfft2((spectra * ramp).sum((0, 1)), s=size) for ramp in ramps])

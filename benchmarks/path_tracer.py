@@ -15,17 +15,26 @@ whose pictures move back by (c + s) p.
 
 Our textures are what pixels record: means over the area of a pixel. Mitsuba gets the radiance that has these means. Its
 outlines are ideal, and its pixels average over their area (box filter). Surfaces emit their light, since ours do not
-cast shadows or light on each other. The module stands alone because it needs the extra `mitsuba`.
+cast shadows or light on each other.
+
+`traced` is a scene of Mitsuba alone whose disparity is known: weak textures in light and shadow, gloss. It stands for
+the photographs that the simulator's layers do not resemble. The module needs the extra `mitsuba`.
 """
 
-import importlib
 import math
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
+import pages
 import torch
 from torch import Tensor
 
+import lfref
+from lfref.encoding import SRGB
+from lfref.functional.psnr import psnr
+from lfref.lightfield import LightField
 from lfref.simulator import painting
 from lfref.simulator.bitmaps import OVERSAMPLING, Canvas
 from lfref.simulator.materials import Emissive, Matte, Mirror
@@ -91,7 +100,8 @@ def _card(left: float, top: float, right: float, bottom: float) -> Polygon:
     return Polygon(((left, top), (right, top), (right, bottom), (left, bottom)))
 
 
-# The focal length f is 100 pixels. Pictures do not depend on it: it scales distances.
+FOCAL = 100.0
+"""f, in pixels. Pictures do not depend on it: it scales distances."""
 HORIZON = 4.0
 """c, in pixels per view step: disparity -c is at infinity, so that all surfaces need larger disparities."""
 FINER = 4
@@ -99,9 +109,31 @@ FINER = 4
 MARGIN = 32
 """Samples painted around a canvas, beyond the ringing of the sharpening filter."""
 
-mi: Any = importlib.import_module("mitsuba")
 mi.set_variant("scalar_rgb")
 mi.set_log_level(mi.LogLevel.Error)
+
+
+def render(
+    scene: Any, lens: dict[str, Any], focal: float, size: tuple[int, int], origin: tuple[float, float], **options: int
+) -> Tensor:
+    """Picture of a lens of a focal length in pixels that looks along Z from a place, [3, H, W]."""
+    height, width = size
+    film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"}
+    sensor = {
+        **lens,
+        "fov": math.degrees(2 * math.atan(width / 2 / focal)),
+        "near_clip": 0.01,
+        "to_world": mi.ScalarTransform4f().look_at([*origin, 0], [*origin, 1], [0, -1, 0]),
+        "film": {**film, "component_format": "float32", "rfilter": {"type": "box"}},
+        "sampler": {"type": "multijitter", "sample_count": options["spp"]},
+    }
+    return torch.from_numpy(np.array(mi.render(scene, sensor=mi.load_dict(sensor), **options))).movedim(-1, 0)
+
+
+def pinhole(p: float, q: float, shift: float, size: tuple[int, int]) -> dict[str, Any]:
+    """A pinhole for the view at (p, q), whose picture moves back by `shift` pixels a view step."""
+    x, y = (shift * offset / length for offset, length in ((p, size[1]), (q, size[0])))
+    return {"type": "perspective", "principal_point_offset_x": x, "principal_point_offset_y": y}
 
 
 class MitsubaScene:
@@ -128,15 +160,15 @@ class MitsubaScene:
 
     def view(self, p: float, q: float, slope: float = 0.0, samples: int = 64, seed: int = 0) -> Tensor:
         """Picture of a pinhole at (p, q), shifted so that the plane of the slope stays in place, [3, H, W]."""
-        height, width = self.camera.size
-        x, y = ((HORIZON + slope) * offset / length for offset, length in ((p, width), (q, height)))
-        lens = {"type": "perspective", "principal_point_offset_x": x, "principal_point_offset_y": y}
-        return self._render(lens, (-p, -q), samples, seed)
+        size = self.camera.size
+        lens = pinhole(p, q, HORIZON + slope, size)
+        return render(self.scene, lens, FOCAL, size, (-p, -q), spp=samples, seed=seed)
 
     def through_disc(self, slope: float, samples: int = 256, seed: int = 0) -> Tensor:
         """Picture of a thin lens whose disc spans the views, [3, H, W]."""
-        lens = {"aperture_radius": min(self.camera.grid) / 2, "focus_distance": float(distance(slope))}
-        return self._render({"type": "thinlens", **lens}, (0, 0), samples, seed)
+        radius = min(self.camera.grid) / 2
+        lens = {"type": "thinlens", "aperture_radius": radius, "focus_distance": float(distance(slope))}
+        return render(self.scene, lens, FOCAL, self.camera.size, (0, 0), spp=samples, seed=seed)
 
     def through_square(self, slope: float, side: int = 12, samples: int = 4, seed: int = 0) -> Tensor:
         """Mean picture of pinholes, one at a random point of each of side x side parts of the square, [3, H, W]."""
@@ -146,24 +178,10 @@ class MitsubaScene:
         pictures = [self.view(p, q, slope, samples, seed + n) for n, (p, q) in enumerate(points.tolist())]
         return torch.stack(pictures).mean(0)
 
-    def _render(self, lens: dict[str, Any], origin: tuple[float, float], samples: int, seed: int) -> Tensor:
-        height, width = self.camera.size
-        film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"}
-        sensor = {
-            **lens,
-            "fov": math.degrees(2 * math.atan(width / 2 / 100)),
-            "near_clip": 0.01,
-            "to_world": mi.ScalarTransform4f().look_at([*origin, 0], [*origin, 1], [0, -1, 0]),
-            "film": {**film, "component_format": "float32", "rfilter": {"type": "box"}},
-            "sampler": {"type": "multijitter", "sample_count": samples},
-        }
-        picture = mi.render(self.scene, sensor=mi.load_dict(sensor), spp=samples, seed=seed)
-        return torch.from_numpy(np.array(picture)).movedim(-1, 0)
-
 
 def distance(disparity: Any) -> Any:
     """Z of a disparity, a number or a tensor."""
-    return 100 / (disparity + HORIZON)
+    return FOCAL / (disparity + HORIZON)
 
 
 def mesh_points(matte: Outline, canvas: Canvas) -> tuple[Tensor, Tensor]:
@@ -191,7 +209,7 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     material = surface.material
     x, y = mesh_points(surface.matte, canvas)
     z = distance(surface.geometry.disparity_at(x, y).expand(x.shape))
-    points = torch.stack([x * z / 100, y * z / 100, z], -1)
+    points = torch.stack([x * z / FOCAL, y * z / FOCAL, z], -1)
     colours = _sharpened_texture(surface.texture, canvas, key)
     if isinstance(material, Matte):
         return _mesh(points, _texture_coordinates(x, y, canvas), {"type": "diffuse", "reflectance": _bitmap(colours)})
@@ -209,7 +227,7 @@ def _mirrored(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     x, y = mesh_points(Full(), canvas)
     image, mirror = distance(material.disparity), distance(surface.geometry.form.disparity)
     assert image > 2 * mirror, "the mirrored picture must stand behind the cameras"
-    points = torch.stack([x * image / 100, y * image / 100, torch.full_like(x, 2 * mirror - image)], -1)
+    points = torch.stack([x * image / FOCAL, y * image / FOCAL, torch.full_like(x, 2 * mirror - image)], -1)
     colours = _bitmap(_sharpened_texture(material.texture, canvas, key))
     # Flipped: it faces the mirror.
     black, light = {"type": "conductor", "specular_reflectance": 0.0}, {"type": "area", "radiance": colours}
@@ -264,3 +282,101 @@ def _mesh(points: Tensor, coordinates: Tensor, bsdf: dict[str, Any], light: dict
     values["faces"] = faces.flatten().numpy().astype(np.uint32)
     values.update()
     return mesh
+
+
+# A scene of Mitsuba alone
+
+WIDTH, TRACED_FOCAL, SHIFT = 256, 300.0, 6.0
+"""Width of a view, its focal length, and by how much views move back per view step, in pixels; all change alike."""
+LAMPS = {"lamp": ([-25, -25, 15], 8000.0), "fill": ([5, -5, 0], 960.0)}
+"""Place and power of a bright lamp, and of one beside the cameras that fills the shadows.
+
+They are points, and rendered one by one: without choices by chance there is no noise.
+"""
+
+
+def veins(seed: int, size: int, decay: float, low: float, high: float, tint: tuple[float, float, float]) -> Any:
+    """A texture whose amplitude falls with frequency to a power."""
+    random = np.random.default_rng(seed)
+    fy, fx = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)
+    falling = np.maximum(np.hypot(fy, fx), 1 / size) ** -decay
+    grey = np.fft.irfft2(np.fft.rfft2(random.normal(size=(size, size))) * falling, s=(size, size))
+    grey = low + (high - low) * np.clip(0.5 + (grey - grey.mean()) / (5 * grey.std()), 0, 1)
+    colours = (grey[..., None] * np.array(tint)).astype(np.float32)
+    return {"type": "bitmap", "bitmap": mi.Bitmap(colours), "raw": True}
+
+
+def statue() -> dict[str, Any]:
+    """Smooth glossy bodies with faint veins before a faintly textured wall."""
+    pale, rough = veins(1, 512, 1.4, 0.3, 0.7, (1.0, 0.98, 0.93)), veins(2, 512, 1.2, 0.12, 0.3, (0.9, 0.95, 0.8))
+    marble = {"type": "roughplastic", "alpha": 0.25, "diffuse_reflectance": pale}
+    plaster = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rough}}
+    bodies = [
+        ("rectangle", plaster, [0, 0, 62], [40, 40, 1]),
+        ("sphere", marble, [0, 3, 50], [8, 6, 5]),
+        ("sphere", marble, [1, -6, 48], [4, 5, 4]),
+    ]
+    for n in range(14):
+        place = [1 + 3.6 * math.cos(n), -8 + 2.2 * math.sin(2.1 * n), 46.5 + 0.9 * math.sin(n)]
+        bodies.append(("sphere", marble, place, [1, 1, 1]))
+    transform = mi.ScalarTransform4f()
+    return {
+        f"body_{n}": {"type": kind, "bsdf": material, "to_world": transform.translate(place).scale(scales)}
+        for n, (kind, material, place, scales) in enumerate(bodies)
+    }
+
+
+def traced(grid: tuple[int, int], size: tuple[int, int]) -> tuple[LightField, Tensor]:
+    """The statue as 8-bit samples in linear light of sRGB, and the disparity of the central view, [H, W]."""
+    height, width = size
+    focal, shift = TRACED_FOCAL * width / WIDTH, SHIFT * width / WIDTH
+    world = {"type": "scene", "integrator": {"type": "path", "max_depth": 2}, **statue()}
+    lamps = (
+        {"type": "point", "position": place, "intensity": {"type": "rgb", "value": [power] * 3}}
+        for place, power in LAMPS.values()
+    )
+    scenes = [mi.load_dict({**world, "lamp": lamp}) for lamp in lamps]
+
+    def view(p: float, q: float) -> Tensor:
+        return sum(render(scene, pinhole(p, q, shift, size), focal, size, (-p, -q), spp=16) for scene in scenes)
+
+    places = [(u - (grid[1] - 1) / 2, v - (grid[0] - 1) / 2) for v in range(grid[0]) for u in range(grid[1])]
+    light = torch.stack([view(p, q) for p, q in places]).unflatten(0, grid).clamp(0, 1)
+    found = np.empty(size)
+    for y, x in np.ndindex(size):
+        towards = mi.ScalarVector3f((x + 0.5 - width / 2) / focal, (y + 0.5 - height / 2) / focal, 1.0)
+        found[y, x] = scenes[0].ray_intersect(mi.Ray3f(mi.ScalarPoint3f(0, 0, 0), towards)).t  # along z, by its length
+    field = LightField(SRGB.decode((255 * SRGB.encode(light)).round() / 255), "statue")
+    return field, torch.from_numpy(focal / found - shift).float()
+
+
+# The table of the page on the simulator
+
+TWO_NOISES = 10 * math.log10(2)
+"""Decibels by which two noisy pictures differ more from each other than each from what it should be."""
+
+
+def table() -> Iterator[str]:
+    """The least PSNR of views and truth of each scene, and of Mitsuba's pictures against others of its own."""
+    headings = ("views, dB", "apart from edges, dB", "truth, disc, dB", "truth, square, dB", "Mitsuba's noise, dB")
+    yield from pages.head("scene", *headings)
+    for make in (*SCENES, matte):
+        world = MitsubaScene(make())
+        ours = lfref.simulate(make(), outputs=("views",), slopes=[0.0]).views
+        views = [ours[view] for view in VIEWS], [world.view(u - 3, v - 3, samples=256) for v, u in VIEWS]
+        values = [_least(psnr, *views), _least(apart_from_edges, *views)]
+        if make in SCENES:
+            discs, others = ([world.through_disc(slope, seed=seed) for slope in SLOPES] for seed in (0, 1))
+            squares = [world.through_square(slope) for slope in SLOPES]
+            for aperture, theirs in (("disc", discs), ("square", squares)):
+                truth = lfref.simulate(make(aperture), outputs=("truth",), slopes=SLOPES).truth
+                values.append(_least(psnr, truth, theirs))
+            values.append(_least(psnr, discs, others) + TWO_NOISES)
+        yield pages.row(make.__name__, *(f"{value:.1f}" for value in values), *[""] * (5 - len(values)))
+    yield ""
+    yield f"Views of {SIZE[1]}x{SIZE[0]} pixels, 7x7; the least of {len(VIEWS)} views, and of slopes"
+    yield f"{', '.join(f'{slope:g}' for slope in SLOPES)}. Noise is that of the truth through a disc."
+
+
+def _least(measure: Callable[[Tensor, Tensor], Any], ours: Iterable[Tensor], theirs: Iterable[Tensor]) -> float:
+    return min(float(measure(one, other)) for one, other in zip(ours, theirs, strict=True))

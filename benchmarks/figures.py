@@ -1,0 +1,281 @@
+"""Measure the figures that the README and the pages quote, and write them between their markers (`pages.py`).
+
+Run by `make figures` after `lfref bench`, `page.py` and `scale.py`, whose tables it reads. A table of a run that is
+missing stays as it is.
+"""
+
+import argparse
+import dataclasses
+import functools
+import importlib
+import importlib.util
+import json
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import page
+import pages
+import pandas as pd
+import pictures
+import scale
+from pages import FIGURES, number, row
+
+import lfref
+from lfref.bench.evaluation import ALIASED, CORRECTED, IDEAL, MEAN_CAP_DB, SENSOR, WIDE
+from lfref.report import stability_table, tables
+from lfref.simulator import planner, sim30
+from lfref.simulator.effects.sensor import EFFECTS, Sensor
+
+GPU = pages.ROOT / "runs" / "gpu" / "bench_front"
+"""A run of `make gpu`."""
+
+
+def facts(run: str) -> dict[str, Any]:
+    """What a run of `lfref bench` knows of its machine and its scenes."""
+    contents: dict[str, Any] = json.loads((FIGURES / run / "machine.json").read_text())
+    return contents
+
+
+def read(run: str, name: str) -> pd.DataFrame:
+    """A table of a run of `lfref bench`."""
+    return tables.read_table(FIGURES / run / f"{name}.csv")
+
+
+def with_note(value: float, note: object) -> str:
+    """A number with what it belongs to; empty if it is none."""
+    return f"{value:.1f} ({note})" if math.isfinite(value) else ""
+
+
+# Tables of `lfref bench`
+
+
+def bench() -> Iterator[str]:
+    """Time and accuracy of every operator setting."""
+    known, rows = facts("bench"), read("bench", "bench")
+    headings = ("ideal, dB", "median", "worst plane", "aliased, dB", "median", "worst plane")
+    yield from pages.head("method", "time, in NumPy's 4-D FFTs", *headings, "sensor, dB", "corrected, dB", "Delta E")
+    for method, classes in rows.groupby("method", sort=False):
+        by_class = classes.set_index("class").reindex([IDEAL, ALIASED, SENSOR, CORRECTED])
+        cells = [method, f"{classes['numpy_ffts'].iloc[0]:.3f}"]
+        for each in by_class.loc[[IDEAL, ALIASED]].itertuples():
+            cells += [number(each.psnr_db), number(each.median_psnr_db)]
+            cells.append(with_note(each.worst_plane_db, each.worst_plane))
+        cells += [number(value) for value in by_class.loc[[SENSOR, CORRECTED], "psnr_db"]]
+        yield row(*cells, number(by_class.loc[IDEAL, "delta_e"], ".2f"))
+    yield ""
+    yield f"PSNR against truth, what a lens would have photographed: 30 scenes of sim30 ({known['sim30']}) and their"
+    yield f"aliased version ({known['aliased']}), the paper's 16 planes, {known['margin']} px of the border left out;"
+    yield f"sensor, the {rows['scenes'].min():.0f} scenes that have one, as they are and corrected by `correct=auto`."
+    yield f"In means, a PSNR counts by at most {MEAN_CAP_DB:.0f} dB. Time: a light field of"
+    yield f"{known['views']}, NumPy's FFT {rows['median_s'].iloc[0]:.2f} s;"
+    yield f"{pages.machine(known)}, {known['repeats']} rounds."
+
+
+def gpu_times() -> Iterator[str]:
+    """Time of every operator setting on a GPU."""
+    known = json.loads((GPU / "machine.json").read_text())
+    rows = tables.read_table(GPU / "bench.csv").drop_duplicates("method")
+    yield from pages.head("method", "median, ms", "p10 to p90, ms")
+    for each in rows[rows["reference"].notna()].itertuples():
+        yield row(each.method, f"{1e3 * each.median_s:.1f}", f"{1e3 * each.p10_s:.1f} to {1e3 * each.p90_s:.1f}")
+    yield ""
+    yield f"A light field of {known['views']}, {known['planes']} planes, float32, {known['repeats']} rounds;"
+    yield f"{known['device']}, {pages.machine(known)}."
+
+
+def corrections() -> Iterator[str]:
+    """PSNR of the best method on scenes with a sensor: as they are, corrected, and with a white picture."""
+    # Means over planes, in which a PSNR counts by at most MEAN_CAP_DB.
+    best = read("bench", "scenes").groupby(["scene", "class"])["psnr_db"].max().unstack().dropna(subset="sensor")
+    white = read("white", "scenes")
+    best["white"] = white[white["class"] == CORRECTED].groupby("scene")["psnr_db"].max()
+    yield from pages.head("scene", "as it is, dB", "corrected, dB", "with a white picture, dB", "without a sensor, dB")
+    for scene, values in [*best.sort_values("sensor").iterrows(), ("mean", best.mean())]:
+        yield row(scene, *(f"{values[name]:.1f}" for name in (SENSOR, CORRECTED, "white", IDEAL)))
+
+
+def wide() -> Iterator[str]:
+    """PSNR on scenes of wide baselines, and how far planes fall below shift-and-sum through cells."""
+    cells, *others = methods = [
+        "shift_and_sum_through_cells",
+        "disparity_layers",
+        "separable_wiener",
+        "occlusion_aware",
+        "learned",
+    ]
+    rows = read("bench", "evaluation")
+    rows = rows[rows["class"] == WIDE]
+    counted = rows.assign(psnr_db=rows["psnr_db"].clip(upper=MEAN_CAP_DB))
+    scenes = counted.pivot_table(index="scene", columns="method", values="psnr_db", sort=False)
+    planes = rows.pivot_table(index=["scene", "slope"], columns="method", values="psnr_db", sort=False)[methods]
+    below = planes[others].sub(planes[cells], axis=0)
+    yield from pages.head("scene", "views", "disparities, px", *(f"{method}, dB" for method in methods))
+    for name, values in scenes.iterrows():
+        camera, slopes = sim30.WIDE[name].camera, planes.loc[name].index
+        views = f"{camera.grid[0]}x{camera.grid[1]} of {camera.size[0]}x{camera.size[1]}"
+        shown = (f"{values[method]:.1f}" for method in methods)
+        yield row(name, views, f"{slopes.min():g} to {slopes.max():g}", *shown)
+    yield row("mean", "", "", *(f"{scenes[method].mean():.1f}" for method in methods))
+    yield row("worst plane, against cells", "", "", "", *(f"{value:.1f}" for value in below.min()))
+    yield row(f"planes more than .3 dB below cells, of {len(below)}", "", "", "", *(below < -0.3).sum())
+    yield ""
+    yield "PSNR against truth, 8 planes from the farthest to the nearest surface,"
+    yield f"{facts('bench')['margin']} px of the border left out."
+    yield f"In means, a PSNR counts by at most {MEAN_CAP_DB:.0f} dB."
+
+
+def causes() -> Iterator[str]:
+    """Cost of each cause of error, and the most that a remedy wins back."""
+    known, rows = facts("causes"), read("causes", "causes")
+    is_base = rows["is_base"].astype(str) == "True"
+    best = rows[~is_base].sort_values("won_db", ascending=False, kind="stable").groupby("cause").first()
+    yield from pages.head("cause", "with it, dB", "costs, dB", "this error alone, dB", "most won back, dB")
+    for each in rows[is_base].itertuples():
+        won = with_note(best.loc[each.cause, "won_db"], best.loc[each.cause, "method"])
+        yield row(each.cause, f"{each.psnr_db:.1f}", f"{each.cost_db:.1f}", number(each.alone_db), won)
+    yield ""
+    yield f"PSNR against truth, means over {known['scenes']} scenes of sim30 (version {known['sim30']}) and"
+    yield f"{known['planes']} planes, {known['margin']} px of the border left out."
+
+
+def operators() -> Iterator[str]:
+    """Time and growth of every operator."""
+    known, powers = facts("operators"), read("operators", "exponents")
+    powers = powers.pivot(index="method", columns="axis", values="exponent")
+    yield from pages.head(
+        "method",
+        "median (p10 to p90), s",
+        "time, in NumPy's 4-D FFTs",
+        *("exponent in pixels", "in views", "in planes"),
+    )
+    for each in read("operators", "operators").join(powers, on="method").itertuples():
+        span = f"{each.median_s:.3f} ({each.p10_s:.3f} to {each.p90_s:.3f})"
+        exponents = (number(power, ".2f") for power in (each.pixels, each.views, each.planes))
+        yield row(each.method, span, f"{each.numpy_ffts:.3f}", *exponents)
+    yield ""
+    yield f"One simulated light field, {known['views']}, {known['planes']} planes; {pages.machine(known)},"
+    yield f"Numba {known['numba']}, {known['repeats']} rounds."
+
+
+def trials() -> Iterator[str]:
+    """Number of trials of hard cases that hold, ours beside the textbook forms, and those of ours that do not."""
+    rows = read("stability", "stability")
+    yield from pages.head("component", "ours hold", "textbook form", "it holds")
+    for component, members in rows.groupby("component", sort=False):
+        holds = members["outcome"].eq("holds").groupby(members["formulation"], sort=False)
+        ours, *others = ((name, f"{trials.sum()} of {len(trials)}") for name, trials in holds)
+        for other in others or [("", "")]:
+            yield row(component, ours[1], *other)
+    yield ""
+    yield "Of ours these do not hold:"
+    yield ""
+    lost = rows[(rows["formulation"] == stability_table.OURS) & (rows["outcome"] != "holds")]
+    reasons = lost["note"].fillna(lost["case"] + " in " + lost["precision"])
+    for (component, outcome), cases in reasons.groupby([lost["component"], lost["outcome"]], sort=False):
+        yield f"- {component}: {outcome} ({', '.join(cases)})"
+
+
+LEARNED, CLIPPED = "learned", "bokeh"
+"""The shipped refiner; a scene whose lamps clip on its sensor, so that no method can know how bright they are."""
+
+
+def gains() -> Iterator[str]:
+    """The network beside the best of all other methods, for each class of scenes."""
+    yield from pages.head(
+        *("scenes", "best rival", "its PSNR, dB", "learned, dB", "gain", "worst scene", "worst alpha"),
+    )
+    rivals = [name for name in read("bench", "bench")["method"].unique() if name != LEARNED]
+    for run, kind, title in (
+        ("bench", IDEAL, "sim30, thirty without a sensor"),
+        ("bench", ALIASED, "sim30, aliased, thirty without a sensor"),
+        ("bench", CORRECTED, "sim30, seven with a sensor, corrected"),
+        ("varied", IDEAL, "drawn at random, without a sensor"),
+        ("varied", CORRECTED, "drawn at random, with a sensor, corrected"),
+    ):
+        rows = read(run, "evaluation")
+        rows = rows[(rows["class"] == kind) & ((rows["scene"] != CLIPPED) | (kind != CORRECTED))]
+        psnr_db = rows.pivot(index=["scene", "alpha"], columns="method", values="psnr_db").clip(upper=MEAN_CAP_DB)
+        best = psnr_db[[name for name in rivals if name in psnr_db]].mean().idxmax()
+        difference = psnr_db[LEARNED] - psnr_db[best]
+        scenes, alphas = (difference.groupby(level).mean() for level in ("scene", "alpha"))
+        yield row(
+            f"{title} ({len(scenes)})" if "random" in title else title,
+            best,
+            *(f"{psnr_db[name].mean():.2f}" for name in (best, LEARNED)),
+            f"{difference.mean():+.2f}",
+            f"{scenes.min():+.2f} ({scenes.idxmin()})",
+            f"{alphas.min():+.2f} ({alphas.idxmin():g})",
+        )
+
+
+# Tables that are measured here
+
+BORDER = 24
+"""Pixels."""
+
+
+def explanation() -> Iterator[str]:
+    """The passes that ran for views and truth of a scene, as a block of text."""
+    scene = dataclasses.replace(pictures.GARDEN, sensor=Sensor(noise=EFFECTS["noise"](1e-3)))
+    # The first call compiles.
+    _, timed = (lfref.simulate(scene, slopes=(-3.0, 1.8), timed=True) for _ in range(2))
+    yield from ("```", planner.table(timed.rows), "```")
+
+
+def disparities() -> Iterator[str]:
+    """Errors of `disparity_map` over sim30: all scenes, those without a sensor, and the worst four."""
+
+    def shares(name: str) -> list[float]:
+        simulated = lfref.simulate(sim30.SCENES[name], outputs=("views", "disparity"))
+        errors = (lfref.disparity_map(simulated.views).disparity - simulated.disparity).abs()
+        inside = errors[BORDER:-BORDER, BORDER:-BORDER]
+        within = ((errors, 0.03), (errors, 0.1), (inside, 0.1))
+        return [float(errors.median()), *(100 * float((part < far).float().mean()) for part, far in within)]
+
+    columns = ["median, px", "within .03 px, %", "within .1 px, %", "within .1 px without a border of 24, %"]
+    found = pd.DataFrame({name: shares(name) for name in sim30.SCENES}, columns).T
+    plain = found.loc[[name for name in found.index if sim30.SCENES[name].sensor == Sensor()]]
+    means = {f"all thirty ({len(found)})": found.mean(), f"without a sensor ({len(plain)})": plain.mean()}
+    worst = {f"`{name}`": values for name, values in found.nsmallest(4, columns[2]).iterrows()}
+    yield from pages.head("scenes", *columns)
+    for title, (median, *within) in (means | worst).items():
+        yield row(title, f"{median:.4f}", *(f"{share:.1f}" for share in within))
+
+
+def beside_mitsuba() -> Iterator[str]:
+    """The simulator against Mitsuba, which traces paths."""
+    return importlib.import_module("path_tracer").table()
+
+
+BENCH = FIGURES / "bench" / "bench.csv"
+TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
+    "bench": (BENCH, bench),
+    "corrected": (BENCH, corrections),
+    "wide": (BENCH, wide),
+    "learned": (BENCH, gains),
+    "causes": (FIGURES / "causes", causes),
+    "operators": (FIGURES / "operators", operators),
+    "trials": (FIGURES / "stability", trials),
+    "gpu_times": (GPU / "bench.csv", gpu_times),
+    "streams": (scale.RUN / "streams.json", scale.streams),
+    "training_speed": (scale.RUN / "steps_cpu.json", functools.partial(scale.steps_table, "cpu")),
+    "training_speed_gpu": (scale.RUN / "steps_cuda.json", functools.partial(scale.steps_table, "cuda")),
+    "browsing": (page.MEASURES, page.browsing),
+    "explanation": (None, explanation),
+    "disparities": (None, disparities),
+    **({"mitsuba": (None, beside_mitsuba)} if importlib.util.find_spec("mitsuba") else {}),
+}
+"""Marker -> the file that it reads, if any, and its lines."""
+
+
+def main() -> None:
+    """Fill the markers of the README and of the pages."""
+    parser = argparse.ArgumentParser(description="Fill the markers of the README and of the pages.")
+    parser.add_argument("names", nargs="*", metavar="NAME", choices=[[], *TABLES], help="markers to fill; none: all")
+    names = parser.parse_args().names or [name for name, (path, _) in TABLES.items() if path is None or path.exists()]
+    pages.fill({name: TABLES[name][1]() for name in names})
+
+
+if __name__ == "__main__":
+    main()

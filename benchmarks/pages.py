@@ -1,0 +1,82 @@
+"""Shared by the scripts of this folder: the paper's planes, tables in Markdown, and markers of the pages.
+
+A measured table stands between `<!-- measured: NAME -->` and `<!-- end -->`.
+"""
+
+import math
+import re
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+
+from lfref.bench import timing
+from lfref.cli import config as configs
+from lfref.geometry import planes_at_alphas
+from lfref.io import atomic
+
+ROOT = Path(__file__).resolve().parents[1]
+PICTURES, FIGURES = ROOT / "docs" / "pictures", ROOT / "runs" / "figures"
+ALPHAS = tuple(step / 8 for step in range(1, 17))
+PLANES = planes_at_alphas(ALPHAS)
+SIZE = (375, 540)
+"""Height and width of the paper's views in pixels."""
+CPU = torch.device("cpu")
+LFREF = (sys.executable, "-m", "lfref.cli.main")
+MARKER = re.compile(r"(<!-- measured: (\w+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+
+
+def fill(tables: Mapping[str, Iterable[str]]) -> None:
+    """Write the lines of each name into the README and the pages; markers of other names stay as they are."""
+    texts = {name: "\n".join(lines) for name, lines in tables.items()}
+
+    def replacement(marker: re.Match[str]) -> str:
+        start, name, _, end = marker.groups()
+        return f"{start}{texts[name]}\n{end}" if name in texts else marker[0]
+
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+        text = page.read_text("utf-8")
+        if (new := MARKER.sub(replacement, text)) != text:
+            atomic.write_text(page, new)
+            print(f"wrote {page.relative_to(ROOT)}")
+
+
+def head(*headings: str) -> Iterator[str]:
+    """The first row of a table, and the line below it."""
+    yield row(*headings)
+    yield row(*("---" for _ in headings))
+
+
+def row(*cells: object) -> str:
+    """A row of a table."""
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def number(value: float, form: str = ".1f") -> str:
+    """A number as it is written; empty if it is none."""
+    return "" if math.isnan(value) else f"{value:{form}}"
+
+
+def machine(facts: Mapping[str, object]) -> str:
+    """Processor and libraries in one line."""
+    return f"{facts['processor']}, {facts['threads']} threads, torch {facts['torch']}, NumPy {facts['numpy']}"
+
+
+def this_machine() -> str:
+    """`machine` of the processor at work."""
+    return machine(timing.facts(CPU))
+
+
+def lfref(*words: object) -> None:
+    """Run a command of lfref."""
+    subprocess.run([*LFREF, *map(str, words)], check=True, cwd=ROOT)
+
+
+def composed(command: str, *overrides: str) -> DictConfig:
+    """The configuration of a command."""
+    with initialize_config_dir(str(configs.directory()), version_base="1.3"):
+        return compose(command, list(overrides))
