@@ -219,7 +219,7 @@ def explanation() -> Iterator[str]:
     """The passes that ran for views and truth of a scene, as a block of text."""
     scene = dataclasses.replace(pictures.GARDEN, sensor=Sensor(noise=EFFECTS["noise"](1e-3)))
     # The first call compiles.
-    _, timed = (lfref.simulate(scene, slopes=(-3.0, 1.8), timed=True) for _ in range(2))
+    _, timed = (lfref.simulate(scene, slopes=(-3.0, 1.8)) for _ in range(2))
     yield from ("```", planner.table(timed.rows), "```")
 
 

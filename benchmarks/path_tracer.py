@@ -35,7 +35,7 @@ import lfref
 from lfref.encoding import SRGB
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
-from lfref.simulator import painting
+from lfref.simulator import materials, painting
 from lfref.simulator.bitmaps import OVERSAMPLING, Canvas
 from lfref.simulator.materials import Emissive, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Outline, Polygon
@@ -213,11 +213,11 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     colours = _sharpened_texture(surface.texture, canvas, key)
     if isinstance(material, Matte):
         return _mesh(points, _texture_coordinates(x, y, canvas), {"type": "diffuse", "reflectance": _bitmap(colours)})
-    bsdf: dict[str, Any] = {"type": "conductor", "specular_reflectance": material.reflectance}
+    bsdf: dict[str, Any] = {"type": "conductor", "specular_reflectance": materials.reflectance(material)}
     if surface.opacity < 1:
         bsdf = {"type": "mask", "opacity": surface.opacity, "bsdf": bsdf}
-    gain = 1.0 if material.own_gain is None else material.own_gain
-    own = gain * surface.opacity * (1 - material.reflectance)
+    gain = material.gain if isinstance(material, Emissive) else 1.0
+    own = gain * surface.opacity * (1 - materials.reflectance(material))
     return _mesh(points, _texture_coordinates(x, y, canvas), bsdf, {"type": "area", "radiance": _bitmap(own * colours)})
 
 

@@ -28,7 +28,7 @@ from torch import Tensor
 
 from lfref.bench import accuracy
 from lfref.bench.accuracy import EXACT, MEASURES, WHOLE, DisplayedStack, Row
-from lfref.captures.correct import AUTO, correct_by_option
+from lfref.captures.correct import AUTO, correct
 from lfref.encoding import LINEAR, Encoding
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
@@ -122,7 +122,7 @@ def scene_cases(
         yield case
         if correction != "none":
             white = white_picture(scene, light) if correction == "white" else None
-            yield replace(case, kind=CORRECTED, light=correct_by_option(light, AUTO, white, EVEN_GRID)[0])
+            yield replace(case, kind=CORRECTED, light=correct(light, AUTO, white, EVEN_GRID)[0])
 
 
 def wide_cases(scenes: Iterable[Scene], device: torch.device) -> Iterator[EvaluationCase]:

@@ -10,17 +10,14 @@ Letters: `V U` view rows and columns, `C` channels, `n` windows; `y x` places in
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.captures import registration
-from lfref.functional import loops
-from lfref.functional.loops import compiled
+from lfref.captures.defect import Defect
 from lfref.lightfield import LightField
 
 REDUCTION = 4  # pixels: brightness changes slowly, and disparities of a pixel become fractions of one
@@ -55,7 +52,6 @@ class Ratios(NamedTuple):
     """Row and column of the view that all are compared with."""
 
 
-@torch.no_grad()
 def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Ratios:
     """Light of each view relative to the central view, whose `disparity` is in pixels per view step, [H, W]."""
     height, width = field.size
@@ -103,65 +99,31 @@ def _window_means(maps: Tensor, side: int) -> Tensor:
     return F.avg_pool2d(maps.flatten(0, 1), side).flatten(2).unflatten(0, maps.shape[:2])
 
 
-@torch.no_grad()
 def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
     """Means of square blocks of images [B, C, H, W]; rows and columns that fill no block are dropped.
 
     A mean is NaN if a sample of the block is NaN, or not below the limit of its channel; `limits` are [C].
     """
-    if images.device.type != "cpu" or images.dtype not in (torch.float32, torch.float64):
-        is_clipped = F.max_pool2d(images, factor) >= limits.to(images)[:, None, None]
-        return F.avg_pool2d(images, factor).masked_fill(is_clipped, torch.nan)
-    planes, tops = images.flatten(0, 1).numpy(), limits.to(images.dtype).repeat(len(images)).numpy()
-    height, width = (length // factor for length in images.shape[-2:])
-    means = np.empty((len(planes), height, width), planes.dtype)
-    # 2^18 samples per thread, by trial.
-    bands = loops.bands(len(planes), loops.worthwhile(planes.size, 1 << 18))
-    jobs = [(planes[i:j], factor, tops[i:j], means[i:j]) for i, j in bands]
-    loops.share(_reduce, jobs, len(jobs))
-    return torch.from_numpy(means).unflatten(0, images.shape[:2])
-
-
-@compiled
-def _reduce(planes: NDArray, factor: int, limits: NDArray, means: NDArray) -> None:
-    used = means.shape[2] * factor
-    total, largest = np.empty(used, planes.dtype), np.empty(used, planes.dtype)
-    for n in range(len(planes)):
-        for row in range(means.shape[1]):
-            # First along columns, a whole row at a time: these loops run on vectors.
-            # (An assignment of whole arrays would take one and a half seconds to compile.)
-            line = planes[n, row * factor, :used]
-            for x in range(used):
-                total[x] = largest[x] = line[x]
-            for f in range(1, factor):
-                line = planes[n, row * factor + f, :used]
-                for x in range(used):
-                    total[x] += line[x]
-                    largest[x] = max(largest[x], line[x])
-            for block in range(means.shape[2]):
-                light, top = total[block * factor], largest[block * factor]
-                for f in range(1, factor):
-                    light += total[block * factor + f]
-                    top = max(top, largest[block * factor + f])
-                # The comparison is false for NaN too.
-                means[n, row, block] = light / factor**2 if top < limits[n] else np.nan
+    is_clipped = F.max_pool2d(images, factor) >= limits.to(images)[:, None, None]
+    height, width = is_clipped.shape[-2:]
+    blocks = images[..., : height * factor, : width * factor].unflatten(-1, (width, factor))
+    # Columns first, then rows, always in this order: the estimate of vignetting shows the last bit of these sums.
+    columns = sum(blocks.unflatten(-3, (height, factor)).unbind(-3), images.new_zeros(()))
+    means = sum(columns.unbind(-1), images.new_zeros(())) / factor**2
+    return means.masked_fill(is_clipped, torch.nan)
 
 
 @dataclass(frozen=True, eq=False)
-class ExposureDefect:
+class ExposureDefect(Defect):
     """Brightness of every view and channel, relative to the central view."""
 
-    name: ClassVar[str] = "exposure"
-    needs_light: ClassVar[bool] = True
+    name = "exposure"
+    needs_light = True
 
     gains: Tensor
     """Brightness over that of the central view, 1 where no difference is certain, float64, [V, U, C]."""
     error: float
     """Standard error of a gain, the median over views and channels."""
-
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: no gain differs from 1 by more than its error explains."""
-        return None if bool((self.gains != 1).any()) else f"views and colours agree to {self.error:.2%}"
 
     def summary(self) -> str:
         """Range of the gains, and their error."""
@@ -181,7 +143,9 @@ def find_exposure(ratios: Ratios) -> ExposureDefect:
     level, error, scatter = levels(ratios)
     is_enough = (ratios.known.sum(2, keepdim=True) >= LEAST_WINDOWS).expand_as(error)
     typical = float(error[is_enough].median()) if bool(is_enough.any()) else 0.0
-    return ExposureDefect(certain_gains(level, error.masked_fill(~is_enough, torch.inf), scatter), typical)
+    gains = certain_gains(level, error.masked_fill(~is_enough, torch.inf), scatter)
+    reason = "" if bool((gains != 1).any()) else f"views and colours agree to {typical:.2%}"
+    return ExposureDefect(gains, typical, reason_to_skip=reason)
 
 
 def certain_gains(level: Tensor, error: Tensor, scatter: Tensor) -> Tensor:

@@ -4,17 +4,17 @@ Channel c shows at `m_c y + t_c + d_c p` what the middle channel shows at y: mag
 centre, offset t, added disparity d. Disparities of a channel come from its own patches in all views; magnification and
 offset from each channel's mean over the views, compared with that of the middle one. What is common to all colours is
 unknown, and the middle colour stays as it is.
-Each defect has a module of its own.
 Letters: `C` channels, `p` position of a view, `y` pixel from the picture's centre, `k` patch, `i` view, `c` channel.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from lfref.captures import displacements, registration, resampling
+from lfref.captures import displacements, registration
+from lfref.captures.defect import Defect
 from lfref.captures.displacements import TINY, Fitted, Observed
 from lfref.captures.registration import Registration, positions_of
 from lfref.lightfield import LightField
@@ -37,11 +37,10 @@ class Dispersion(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ChromaticDefect:
+class ChromaticDefect(Defect):
     """How each channel differs from the middle one."""
 
-    name: ClassVar[str] = "chromatic"
-    needs_light: ClassVar[bool] = False
+    name = "chromatic"
 
     magnifications: Tensor
     """Magnification about the picture's centre, 1 where none is certain, float64, [C]."""
@@ -49,14 +48,6 @@ class ChromaticDefect:
     """Offsets down and right in pixels, 0 where none is certain, [C, 2]."""
     disparities: Tensor
     """Disparities added to those of the scene, in pixels per view step, 0 where none is certain, [C]."""
-    reason: str = ""
-    """Why nothing could be estimated."""
-
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: no colour differs from another by more than its error explains."""
-        if bool((self.magnifications != 1).any() | (self.offsets != 0).any() | (self.disparities != 0).any()):
-            return None
-        return self.reason or "colours agree in size and focus, as far as is known"
 
     def summary(self) -> str:
         """Differences of each channel."""
@@ -72,11 +63,11 @@ class ChromaticDefect:
 
     def corrected(self, field: LightField) -> LightField:
         """Channels in the size and focus of the middle one."""
-        rows, columns = resampling.centred(field.size)
+        rows, columns = registration.centred(field.size)
         sizes = self.magnifications[:, None]
         shifts = self.offsets + self.disparities[:, None] * positions_of(field).unflatten(0, field.grid)[:, :, None]
         down, right = shifts[..., None, :].unbind(-1)
-        return resampling.resample_field(field, sizes * rows + down, sizes * columns + right)
+        return registration.resampled(field, sizes * rows + down, sizes * columns + right)
 
 
 def find(field: LightField, registered: Registration | None) -> ChromaticDefect:
@@ -86,7 +77,7 @@ def find(field: LightField, registered: Registration | None) -> ChromaticDefect:
     if n_channels < 2 or registered is None or len(registered.patches.rows) < displacements.FEWEST:
         reason = "there is one channel" if n_channels < 2 else "unknown: too little texture, or too few views"
         nothing = torch.zeros(n_channels, 2, dtype=torch.float64)
-        return ChromaticDefect(1 + nothing[:, 0], nothing, nothing[:, 1].clone(), reason)
+        return ChromaticDefect(1 + nothing[:, 0], nothing, nothing[:, 1].clone(), reason_to_skip=reason)
     dispersions = disperse(registered, registered.observed)
     reach = float(registered.positions.abs().max())
     is_sure = torch.tensor([is_certain(dispersion, reach) for dispersion in dispersions])
@@ -95,7 +86,8 @@ def find(field: LightField, registered: Registration | None) -> ChromaticDefect:
     for _ in range(2 if bool(is_sure.any()) else 0):
         observed = observe_again(registered, total[:, :2], total[:, 2], total[:, 3])
         total = total + torch.where(is_sure, _values(disperse(registered, observed)), 0.0)
-    return ChromaticDefect(1 + total[:, 2], total[:, :2], total[:, 3])
+    reason = "" if total.any() else "colours agree in size and focus, as far as is known"
+    return ChromaticDefect(1 + total[:, 2], total[:, :2], total[:, 3], reason_to_skip=reason)
 
 
 def _values(dispersions: list[Dispersion]) -> Tensor:

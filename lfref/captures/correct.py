@@ -1,26 +1,24 @@
 """Correcting a capture: the defects that it shows, and no others; the estimates can be reported, saved and used again.
 
-`estimate_and_correct` is the whole sequence. It runs in the reverse order of the light path, and estimates each defect
-in the light field that the corrections before it return.
+The sequence runs in the reverse order of the light path, and estimates each defect in the light field that the
+corrections before it return.
 """
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from lfref.captures import black_views, brightness, chromatic, hot_pixels, registration, view_order, vignetting
-from lfref.captures.registration import Registration
-from lfref.errors import FileError, InputError
-from lfref.functional import noise_line
+from lfref.captures import bad_pixels, brightness, chromatic, registration, view_order, vignetting
+from lfref.captures.defect import Defect
+from lfref.captures.registration import Registration, SpacingDefect
+from lfref.errors import CheckpointError, FileError, InputError, first_line
 from lfref.io import tensor_files
 from lfref.lightfield import LightField
-from lfref.refocus import batches
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import CoarseDisparity, ReducedViews
 
@@ -31,76 +29,21 @@ SMALLEST = 32
 TEXTURE, LEAST_TEXTURED = 0.01, 0.1
 """Difference of the root of light of neighbours in a texture, and part of the picture with textures from which views
 that do not fit together cannot be compared in brightness."""
-FORMAT = "lfref corrections 4"
-LARGE = 1 << 12
-"""Values from which a floating-point tensor, gains of samples, is saved in half precision."""
+FORMAT = "lfref corrections 5"
 AUTO, NONE = "auto", "none"
-
-
-@runtime_checkable
-class Defect(Protocol):
-    """An estimated defect: a frozen dataclass of numbers, texts, tuples of them, and tensors."""
-
-    name: ClassVar[str]
-    """Its name in reports and files."""
-    needs_light: ClassVar[bool]
-    """Whether its estimate or correction needs linear light, so that encoded samples do not allow it."""
-
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected; None: `corrected` does something."""
-
-    def summary(self) -> str:
-        """The estimate in one line, with units, and what remains unknown."""
-
-    def corrected(self, field: LightField) -> LightField:
-        """A light field of the same grid and size without the defect; called only without a reason to skip."""
-
-
-@dataclass(frozen=True)
-class NoiseDefect:
-    """Noise: the variance a x + b of a sample that holds the light x.
-
-    It is only measured: refocusing averages it away, and methods set their own limits by it.
-    """
-
-    name: ClassVar[str] = "noise"
-    needs_light: ClassVar[bool] = True
-
-    shot: float = 0.0
-    """Variance a per unit of light."""
-    read: float = 0.0
-    """Variance b in the dark."""
-
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: noise is only measured."""
-        return f"only measured: {self.summary()}"
-
-    def summary(self) -> str:
-        """Standard deviations at three levels of light."""
-        deviations = ", ".join(f"{self.deviation(light):.4f} at {light:g}" for light in (0.01, 0.1, 0.5))
-        return f"standard deviation {deviations} (shot {self.shot:.2g}, read {self.read:.2g})"
-
-    def deviation(self, light: float) -> float:
-        """Standard deviation of a sample that holds this light."""
-        return math.sqrt(self.shot * light + self.read)
-
-    def corrected(self, field: LightField) -> LightField:
-        """The same light field."""
-        return field
 
 
 KINDS: tuple[type[Defect], ...] = (
     view_order.ViewOrderDefect,
-    hot_pixels.HotPixelsDefect,
-    black_views.BlackViewsDefect,
+    bad_pixels.HotPixelsDefect,
+    bad_pixels.BlackViewsDefect,
     vignetting.VignettingDefect,
     brightness.ExposureDefect,
     chromatic.ChromaticDefect,
     registration.AlignmentDefect,
-    registration.SpacingDefect,
-    NoiseDefect,
+    SpacingDefect,
 )
-"""All defects in the order of `estimate_and_correct`."""
+"""All defects in the order of correction."""
 
 
 class CentralView(NamedTuple):
@@ -140,7 +83,7 @@ class Corrections:
     """Height and width of its views in pixels."""
     defects: tuple[Defect, ...]
     skipped: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """Name of a defect that was not estimated, or is not corrected -> why."""
+    """Name of a defect that was not estimated, or is not corrected on request -> why."""
 
     def __getitem__(self, name: str) -> Defect:
         return next(defect for defect in self.defects if defect.name == name)
@@ -148,78 +91,80 @@ class Corrections:
     @property
     def active(self) -> tuple[str, ...]:
         """Names of the defects that are corrected."""
-        return tuple(defect.name for defect in self._active())
+        return tuple(d.name for d in self.defects if not d.reason_to_skip and d.name not in self.skipped)
+
+    def texts(self) -> dict[str, str]:
+        """Name of each defect -> what is corrected, or why it is not."""
+        reasons = {defect.name: defect.reason_to_skip for defect in self.defects} | dict(self.skipped)
+        return {
+            name: f"unchanged: {reason}" if reason else f"corrected: {self[name].summary()}"
+            for name, reason in reasons.items()
+        }
 
     def summary(self) -> str:
-        """One line per defect: what is corrected, or why it is not."""
-        lines = {}
-        for defect in self.defects:
-            reason = defect.reason_to_skip()
-            lines[defect.name] = f"corrected: {defect.summary()}" if reason is None else f"unchanged: {reason}"
-        lines |= {name: f"unchanged: {why}" for name, why in self.skipped.items()}
-        return "\n".join(f"{name:12} {text}" for name, text in lines.items())
+        """The same as lines."""
+        return "\n".join(f"{name:12} {text}" for name, text in self.texts().items())
 
     def skipping(self, reasons: Mapping[str, str]) -> "Corrections":
         """The same corrections without some of them, given as name -> reason."""
         return dataclasses.replace(self, skipped={**self.skipped, **reasons})
 
     def apply(self, field: LightField) -> LightField:
-        """Correct this light field, or another one of the same camera.
-
-        Args:
-            field: A light field of the same grid and size; corrections that need linear light are skipped for encoded
-                samples.
-
-        Raises:
-            InputError: The light field has another grid or size.
-        """
+        """Correct a light field of the same grid and size; encoded samples skip corrections that need linear light."""
         if (field.grid, field.size) != (self.grid, self.size):
-            (n_rows, n_columns), (height, width) = self.grid, self.size
-            expected = f"the corrections are of {n_rows}x{n_columns} views of {height}x{width} pixels"
-            raise InputError(expected, got=_shape(field))
-        for defect in self.skipping(_skipped_of_encoded(field))._active():
-            field = defect.corrected(field)
+            raise InputError(f"the corrections are of {_shape(self)}", got=_shape(field))
+        for name in self.skipping(_skipped_of_encoded(field)).active:
+            field = self[name].corrected(field)
         return field
 
     def save(self, path: str | Path) -> None:
-        """Write a file that `load` reads.
+        """Write a file that `load` reads."""
+        # Not `dataclasses.asdict`, which copies tensors.
+        findings = {defect.name: vars(defect) for defect in self.defects if not defect.reason_to_skip}
+        contents = {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": findings}
+        tensor_files.write_checkpoint(path, contents)
 
-        Raises:
-            FileError: The file cannot be written.
-        """
-        values = {
-            defect.name: {field.name: _kept(getattr(defect, field.name)) for field in dataclasses.fields(defect)}  # type: ignore[arg-type]
-            for defect in self.defects
-            if defect.reason_to_skip() is None
-        }
-        content = {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": values}
-        tensor_files.write_checkpoint(path, content)
 
-    def _active(self) -> list[Defect]:
-        return [
-            defect for defect in self.defects if defect.reason_to_skip() is None and defect.name not in self.skipped
-        ]
+def load(path: str | Path) -> Corrections:
+    """Read a file that `Corrections.save` wrote; any other file raises FileError."""
+    path, kinds = Path(path), {kind.name: kind for kind in KINDS}
+    try:
+        contents = tensor_files.read_checkpoint(path)
+        if contents["format"] != FORMAT:
+            raise ValueError("another format")
+        defects = tuple(kinds[name](**values) for name, values in contents["findings"].items())
+        return Corrections(tuple(contents["grid"]), tuple(contents["size"]), defects)
+    except (CheckpointError, AttributeError, KeyError, TypeError, ValueError) as error:
+        remedy = "give a file that correct=auto wrote, correction.pt"
+        raise FileError(f"{path} must hold corrections", got=first_line(error), remedy=remedy) from error
 
 
 def correct(
-    field: LightField, white: LightField | None = None, profile: Corrections | str | Path | None = None
+    field: LightField,
+    how: Corrections | str | Path = AUTO,
+    white: LightField | None = None,
+    even_grid_for: str | None = None,
+    in_place: bool = False,
 ) -> tuple[LightField, Corrections]:
     """Correct the defects that a light field shows, and no others.
 
     Args:
         field: A capture, or any light field. For encoded samples (`encoding=none`), only hot pixels, black views,
             chromatic aberration, alignment and spacing are corrected.
-        white: A picture of a white scene by the same camera, of the same grid and size.
-        profile: Corrections of another capture of the camera, or their file; applied without new estimates.
+        how: `auto` estimates the defects; `none` corrects nothing; corrections of another capture of the camera, or
+            their file, are applied without new estimates.
+        white: A picture of a white scene by the same camera, of the same grid and size, for `auto`.
+        even_grid_for: Why cameras must stay on an even grid, if so; their spacing is then reported, not corrected.
+        in_place: Whether estimated corrections may overwrite the views of `field`, which saves as much memory.
 
     Returns:
         The corrected light field (`field` itself if nothing is corrected), and the corrections. Estimates have no
-        gradients, nor have views that are corrected by them; those corrected by a profile do.
+        gradients, nor have views that are corrected by them; those corrected by given corrections do.
 
     Raises:
-        InputError: The white picture or the profile has another grid or size; both are given; or the white picture has
-            encoded samples.
-        FileError: The profile cannot be read.
+        InputError: The white picture or the corrections have another grid or size; there is a white picture for given
+            corrections; or it has encoded samples.
+        FileError: The corrections cannot be read.
 
     Example:
         >>> field = lfref.LightField(torch.full((5, 5, 3, 64, 80), 0.5))
@@ -227,60 +172,26 @@ def correct(
         >>> corrected is field, corrections.active
         (True, ())
     """
-    if profile is not None and white is not None:
-        expected = "corrections are estimated, with a white picture if there is one, or taken from a profile"
-        raise InputError(expected, got="a white picture and a profile", remedy="leave one of them out")
-    if profile is not None:
-        corrections = profile if isinstance(profile, Corrections) else load(profile)
-        return corrections.apply(field), corrections.skipping(_skipped_of_encoded(field))
-    return estimate_and_correct(field, white)
-
-
-def correct_by_option(
-    field: LightField,
-    option: str,
-    white: LightField | None = None,
-    even_grid_for: str | None = None,
-    in_place: bool = False,
-) -> tuple[LightField, Corrections | None]:
-    """Correct a light field as the option `correct` says; the corrections are None for `none`.
-
-    Args:
-        field: The light field as it was read.
-        option: `auto`, `none`, or a file that `Corrections.save` wrote.
-        white: A picture of a white scene by the same camera.
-        even_grid_for: Why cameras must stay on an even grid, if so; their spacing is then reported, not corrected.
-        in_place: Whether estimated corrections may overwrite the views of `field`, which saves as much memory.
-
-    Raises:
-        InputError: The white picture or the corrections have another grid or size.
-        FileError: The file of corrections cannot be read.
-    """
-    if option == NONE:
-        return field, None
-    if option == AUTO:
-        corrected, corrections = estimate_and_correct(field, white, in_place=in_place)
-    else:
-        corrected, corrections = correct(field, white, option)
-    name = registration.SpacingDefect.name
-    if even_grid_for is None or name not in corrections.active or corrected.positions is None:
-        return corrected, corrections
-    spacing = corrections[name]
-    assert isinstance(spacing, registration.SpacingDefect)
-    positions = None if field.positions is None else corrected.positions / torch.tensor([spacing.ratio, 1.0])
-    corrections = corrections.skipping({name: f"{spacing.summary()}, but {even_grid_for}"})
-    return dataclasses.replace(corrected, positions=positions), corrections
+    if how == NONE:
+        return field, Corrections(field.grid, field.size, ())
+    if how == AUTO:
+        _check_white(field, white)
+        return _estimate_and_correct(field, white, even_grid_for, in_place)
+    if white is not None:
+        raise InputError("a white picture is for correct=auto", got=f"correct={how}", remedy="leave white= out")
+    corrections = how if isinstance(how, Corrections) else load(how)
+    corrections = corrections.skipping(_skipped_of_encoded(field))
+    if even_grid_for and SpacingDefect.name in corrections.active:
+        spacing = corrections[SpacingDefect.name]
+        corrections = corrections.skipping({spacing.name: f"{spacing.summary()}, but {even_grid_for}"})
+    return corrections.apply(field), corrections
 
 
 @torch.no_grad()
-def estimate_and_correct(
-    field: LightField, white: LightField | None = None, view: CentralView | None = None, in_place: bool = False
+def _estimate_and_correct(
+    field: LightField, white: LightField | None, even_grid_for: str | None, in_place: bool
 ) -> tuple[LightField, Corrections]:
-    """Estimate all defects in turn, and correct those that show.
-
-    `view` is the central view, if the caller has computed it; `in_place` as in `correct_by_option`.
-    """
-    _check_white(field, white)
+    """Estimate all defects in turn, and correct those that show."""
     grid, size, defects, skipped = field.grid, field.size, list[Defect](), _skipped_of_encoded(field)
     reason = _reason_to_estimate_nothing(field)
     if reason:
@@ -290,7 +201,7 @@ def estimate_and_correct(
         """Note a defect, and correct the light field if the defect shows; returns whether it does."""
         nonlocal field
         defects.append(defect)
-        if defect.reason_to_skip() is not None:
+        if defect.reason_to_skip or defect.name in skipped:
             return False
         corrected = defect.corrected(field)
         if in_place and corrected.views is not field.views and corrected.views.shape == field.views.shape:
@@ -300,13 +211,13 @@ def estimate_and_correct(
         return True
 
     # Each correction changes the estimates after it.
-    view = view or central_view(field)
+    view = central_view(field)
     order = view_order.find(view.reduced)
     if correct_if_due(order):
         view = central_view(field)
         white = None if white is None else order.corrected(white)  # it was read in the same order
-    is_new = correct_if_due(hot_pixels.find(field, view.disparity, view.reference))
-    is_new |= correct_if_due(black_views.find(field))
+    is_new = correct_if_due(bad_pixels.find_hot(field, view.disparity, view.reference))
+    is_new |= correct_if_due(bad_pixels.find_black(field))
     # A white picture compares no views of the light field. Strong shading may be why they show nothing in common.
     is_new |= white is not None and field.is_linear and correct_if_due(vignetting.find_by_white(white))
     view = central_view(field) if is_new else view
@@ -327,14 +238,15 @@ def estimate_and_correct(
     if correct_if_due(registration.find_alignment(field.grid, registered)):
         view = central_view(field)
         registered = _registration(field, view)
-    correct_if_due(registration.find_spacing(registered))
-    if field.is_linear:
-        correct_if_due(NoiseDefect(*noise_line.measure(field)))
+    spacing = registration.find_spacing(registered)
+    if even_grid_for and not spacing.reason_to_skip:
+        skipped |= {spacing.name: f"{spacing.summary()}, but {even_grid_for}"}
+    correct_if_due(spacing)
     return field, Corrections(grid, size, tuple(defects), skipped)
 
 
 def _registration(field: LightField, view: CentralView) -> Registration | None:
-    """Registration of the views; None where no disparities are known, whose patches it would start from."""
+    """Registration of the views; None where no disparities are known, from which it would start."""
     return None if view.slopes is None else registration.register(field, view.disparity, view.reference)
 
 
@@ -352,20 +264,14 @@ def central_view(field: LightField) -> CentralView:
 
 
 def _check_white(field: LightField, white: LightField | None) -> None:
-    if white is None:
-        return
-    if (white.grid, white.size) != (field.grid, field.size):
-        expected = f"the white picture must have the {_shape(field)} of {field.name or 'the light field'}"
-        remedy = "read both with the same reader options, or leave white= out"
-        raise InputError(expected, got=_shape(white), remedy=remedy)
-    if field.is_linear and not white.is_linear:
-        remedy = "read both with the same reader.encoding"
-        raise InputError("the white picture must hold linear light", got="encoded samples", remedy=remedy)
+    if white and ((white.grid, white.size) != (field.grid, field.size) or (field.is_linear and not white.is_linear)):
+        expected = f"the white picture must have the {_shape(field)} of {field.name or 'the light field'}, as linear"
+        raise InputError(expected, got=_shape(white), remedy="read both with the same reader options")
 
 
 def _reason_to_estimate_nothing(field: LightField) -> str:
     """Why this light field allows no estimate at all; empty if it allows some."""
-    if not batches.is_finite(field.views):
+    if not bool(field.views.isfinite().all()):
         return "views hold NaN or infinity"
     if field.grid == (1, 1):
         return "a single view cannot be compared"
@@ -377,44 +283,6 @@ def _skipped_of_encoded(field: LightField) -> dict[str, str]:
     return {} if field.is_linear else {kind.name: reason for kind in KINDS if kind.needs_light}
 
 
-def _shape(field: LightField) -> str:
+def _shape(field: "LightField | Corrections") -> str:
     """Grid and size for messages."""
     return f"{field.grid[0]}x{field.grid[1]} views of {field.size[0]}x{field.size[1]} pixels"
-
-
-def load(path: str | Path) -> Corrections:
-    """Read a file that `Corrections.save` wrote.
-
-    Raises:
-        FileError: The file is missing or damaged, or holds no corrections.
-    """
-    remedy = "give a file that correct=auto wrote, correction.pt"
-    if not Path(path).is_file():
-        raise FileError(f"no corrections at {path}", remedy=remedy)
-    try:
-        content: Any = tensor_files.read_checkpoint(Path(path))
-    except Exception as error:  # torch raises errors of many kinds for damaged archives
-        got = "another kind of file, or a damaged or changed one"
-        raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise FileError(f"{path} must hold corrections", got="another file", remedy=remedy)
-    kinds = {kind.name: kind for kind in KINDS}
-    try:
-        defects = []
-        for name, values in content["findings"].items():
-            whole = {field: value.float() if _is_half(value) else value for field, value in values.items()}
-            defects.append(kinds[name](**whole))
-        return Corrections(tuple(content["grid"]), tuple(content["size"]), tuple(defects))
-    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        got = f"entries that cannot be read ({error})"
-        raise FileError(f"{path} must hold corrections", got=got, remedy=remedy) from error
-
-
-def _kept(value: Any) -> Any:
-    """A value of a file."""
-    is_large = isinstance(value, Tensor) and value.dtype == torch.float32 and value.numel() >= LARGE
-    return value.half() if is_large else value
-
-
-def _is_half(value: Any) -> bool:
-    return isinstance(value, Tensor) and value.dtype == torch.float16

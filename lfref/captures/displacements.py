@@ -17,9 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.functional import loops
-from lfref.refocus import batches
-from lfref.simulator.effects import displacement
+from lfref.functional import interpolation, loops
 
 SIDE = 16  # side of a patch, in pixels
 RING = 2  # pixels around a patch that are read too: gradients need two neighbours on either side
@@ -28,8 +26,8 @@ ONE_DISPARITY = 0.05  # pixels per view step, by trial: standard deviation of di
 HIDDEN = 0.2  # share of the contrast of the views' mean, by trial: a view with less has the patch dark or hidden
 OUTLYING = 2.0  # standard deviations at which an observation counts half (Cauchy weights)
 TINY = 1e-12  # keeps divisions by zero finite
-BEFORE = -displacement.TAPS[0]  # samples that interpolation needs before a position
-REACH = max(BEFORE, displacement.TAPS[-1]) + RING + 1  # pixels beyond a patch that are read, and one for movement
+BEFORE = -interpolation.TAPS[0]  # samples that interpolation needs before a position
+REACH = max(BEFORE, interpolation.TAPS[-1]) + RING + 1  # pixels beyond a patch that are read, and one for movement
 INSIDE = (..., slice(RING, -RING), slice(RING, -RING))
 
 
@@ -83,17 +81,17 @@ def read_patches(
     """
     starts = torch.stack([patches.rows, patches.columns], -1)[:, None] - RING + displacements
     side = SIDE + 2 * RING
-    last = torch.tensor(views.shape[-2:]) - side - len(displacement.TAPS) + BEFORE
+    last = torch.tensor(views.shape[-2:]) - side - len(interpolation.TAPS) + BEFORE
     starts = torch.minimum(starts.clamp(min=BEFORE), last.to(starts))
     whole = starts.floor()
-    weights = displacement.weights(starts - whole).float()
+    weights = interpolation.weights(starts - whole).float()
     rows, columns = (whole.long() - BEFORE).unbind(-1)
     which = torch.tensor(range(views.shape[1]) if channels is None else channels)
     samples = torch.empty(len(rows), len(views), len(which), side, side)
     tables = (which, rows, columns, weights[:, :, 0], weights[:, :, 1], samples)
     arrays = [table.contiguous().numpy() for table in tables]
     n_threads = loops.worthwhile(samples.numel(), 1 << 16)  # samples per thread, by trial
-    source = batches.radiance(views.detach()).numpy()
+    source = views.detach().float().contiguous().numpy()
     bands = loops.bands(len(samples), n_threads)
     loops.share(lambda first, last: _read(source, *arrays, first, last), bands, n_threads)
     return samples
@@ -205,13 +203,10 @@ class Fitted(NamedTuple):
 
 
 def fit_linear(model: Tensor, observations: Tensor, information: Tensor, prior: Tensor | None = None) -> Fitted:
-    """Fit a linear model by iterated least squares, which give outliers less weight.
+    """Fit observations [N, A] by a linear model [N, A, M], by iterated least squares that give outliers less weight.
 
-    Args:
-        model: Effect of a parameter on an observation, [N, A, M].
-        observations: Values to explain, [N, A].
-        information: Inverse covariance of each observation, up to a common factor, [N, A, A].
-        prior: Inverse variance of each parameter about 0 before any observation, [M]; None: 0.
+    `information` is the inverse covariance of each observation, up to a common factor, [N, A, A]; `prior` the inverse
+    variance of each parameter about 0 before any observation, [M].
     """
     trust = torch.ones(len(observations), dtype=observations.dtype)
     known = torch.zeros(model.shape[-1], dtype=observations.dtype) if prior is None else prior

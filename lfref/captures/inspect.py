@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.captures.correct import Corrections, Defect, central_view, estimate_and_correct
+from lfref.captures.correct import Corrections, central_view, correct
 from lfref.captures.view_order import ViewOrderDefect
-from lfref.errors import InputError
+from lfref.functional import noise_line
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
@@ -29,9 +29,6 @@ NO_SLOPES = (
     "slopes are unknown (nothing moves, or too far, or the views do not belong together): give slopes=[LOW,HIGH], or "
     "check reader.views, reader.grid and reader.spacing (see lfref info)"
 )
-DARK = 0.02
-"""Median light below which an 8-bit picture was probably linear before it was decoded: the median of photographs is
-about .18, which decoding once more turns into .18^2.2 = .02."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +42,6 @@ class AutoPlanes:
 
     n: int = 16
     """Number of planes, at least 1."""
-
-    def __post_init__(self) -> None:
-        if isinstance(self.n, bool) or not isinstance(self.n, int) or self.n < 1:
-            raise InputError("planes.n must be a whole number of at least 1", got=self.n)
 
     def of(self, field: LightField) -> FocalPlanes:
         """The planes of a light field; `UNKNOWN` with a warning in the log where its range is unknown."""
@@ -90,8 +83,8 @@ class Inspection:
     """Range of the scene's slopes in pixels per view step, without .5 % of outliers at either end; None: unknown."""
     confident_share: float
     """Part of the picture's textures whose disparity is reliable, [0, 1]."""
-    median_light: float
-    """Median of the samples of the central view."""
+    noise: tuple[float, float]
+    """Variance of a sample's noise per unit of light, and in the dark, after the corrections."""
     corrections: Corrections
 
     @cached_property
@@ -99,52 +92,31 @@ class Inspection:
         """Sixteen planes that span the range, those of `planes=auto`."""
         return AutoPlanes().between(self.slopes, self.field)
 
-    @property
-    def defects(self) -> tuple[Defect, ...]:
-        """The defects that would be corrected."""
-        return tuple(defect for defect in self.corrections.defects if defect.reason_to_skip() is None)
-
-    def defect(self, name: str) -> Defect | None:
-        """The estimate of a defect, whether it would be corrected or not; None: it was not estimated."""
-        return next((defect for defect in self.corrections.defects if defect.name == name), None)
-
     def advice(self) -> list[str]:
         """Options that would help, each with its reason, in one line."""
         lines = []
-        order = self.defect(ViewOrderDefect.name)
-        if isinstance(order, ViewOrderDefect) and order.remedy:
+        order = next((d for d in self.corrections.defects if isinstance(d, ViewOrderDefect)), ViewOrderDefect())
+        if order.remedy:
             lines.append(f"the views focus better in another order: give {order.remedy}")
-        if isinstance(order, ViewOrderDefect) and self.slopes is None and order.row_spacing != 1:
+        if self.slopes is None and order.row_spacing != 1:
             spacing = f"{order.row_spacing:.2g}"
             lines.append(f"rows seem {spacing} times as far apart as columns: give reader.spacing=[{spacing},1]")
-        if self.field.metadata.get("encoding") == "srgb" and self.median_light < DARK:
-            lines.append(f"half of the light is below {self.median_light:.1%}: if too dark, try reader.encoding=linear")
         if self.slopes is None:
             lines.append(NO_SLOPES)
-        if self.defects:
+        if self.corrections.active:
             lines.append("lfref refocus corrects these defects unless correct=none")
         return lines
 
     def lines(self) -> list[str]:
-        """The whole inspection as lines of two columns."""
-        field, planes = self.field, self.planes.values
-        form = {name: field.metadata[name] for name in ("format", "bits", "encoding") if name in field.metadata}
-        span = "unknown"
+        """The inspection as lines of two columns: what the scene shows, then its defects, then advice."""
+        rows, planes = self.as_dict(), self.planes.values
+        defects, advice = rows.pop("defects"), rows.pop("advice")
+        rows["slopes"] = "unknown"
         if self.slopes is not None:
-            low, high = self.slopes
-            span = f"{low:.3g} to {high:.3g} px per view step ({self.confident_share:.0%} of the textures are reliable)"
-        chosen_by = "planes=auto" if self.slopes else "planes=auto, the default where slopes are unknown"
-        rows = [
-            ("name", field.name),
-            ("form", ", ".join(f"{name} {value}" for name, value in form.items()) or "unknown"),
-            ("views", f"{field.grid[0]}x{field.grid[1]} of {field.size[0]}x{field.size[1]}x{field.views.shape[2]}"),
-            ("slopes", span),
-            ("planes", f"{len(planes)} from {planes[0]:.3g} to {planes[-1]:.3g} ({chosen_by})"),
-        ]
-        rows += [(defect.name, defect.reason_to_skip() or defect.summary()) for defect in self.corrections.defects]
-        rows += [(name, f"not estimated: {why}") for name, why in self.corrections.skipped.items()]
-        rows += [("try", text) for text in self.advice()]
-        return [f"{name:<12} {text}" for name, text in rows]
+            rows["slopes"] = "{:.3g} to {:.3g} px per view step".format(*self.slopes)
+        rows["planes"] = f"{len(planes)} from {planes[0]:.3g} to {planes[-1]:.3g} (planes=auto)"
+        pairs = [*rows.items(), *defects.items(), *(("try", text) for text in advice)]
+        return [f"{name:<15} {text}" for name, text in pairs]
 
     def as_dict(self) -> dict[str, Any]:
         """The inspection in plain containers, for JSON."""
@@ -156,14 +128,10 @@ class Inspection:
             "size": list(field.size),
             "channels": field.views.shape[2],
             "slopes": None if self.slopes is None else list(self.slopes),
-            "confident_share": self.confident_share,
+            "confident_share": round(self.confident_share, 3),
             "planes": list(self.planes.values),
-            "median_light": self.median_light,
-            "defects": {
-                defect.name: {"reason_to_skip": defect.reason_to_skip(), "summary": defect.summary()}
-                for defect in self.corrections.defects
-            },
-            "skipped": dict(self.corrections.skipped),
+            "noise": "{:.2g} per light, {:.2g} in the dark (variance)".format(*self.noise),
+            "defects": self.corrections.texts(),
             "advice": self.advice(),
         }
 
@@ -185,14 +153,9 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         (torch.Size([64, 80]), None)
     """
     view = central_view(field)
-    corrections = estimate_and_correct(field, white, view)[1]
-    ordered = field
+    corrected, corrections = correct(field, white=white)
     if ViewOrderDefect.name in corrections.active:
-        ordered = corrections[ViewOrderDefect.name].corrected(field)
-        view = central_view(ordered)
-    central = ordered.views[view.reference].flatten()
-    # About 50,000 samples, by trial: the median need not be exact.
-    median = central[:: max(1, central.numel() // 50_000)].float().nan_to_num().median()
+        view = central_view(corrections[ViewOrderDefect.name].corrected(field))
     return Inspection(
         field,
         view.reference,
@@ -200,6 +163,6 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         view.confidence,
         view.slopes,
         slope_range.reliable_share(view.coarse),
-        float(median),
+        noise_line.measure(corrected),
         corrections,
     )

@@ -12,14 +12,16 @@ Letters: `k` patch, `i` view, `c` channel, `V U` view rows and columns.
 
 import dataclasses
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.captures import displacements, resampling
+from lfref.captures import displacements
+from lfref.captures.defect import Defect
 from lfref.captures.displacements import OUTLYING, SIDE, TINY, Fitted, Observed, Patches
+from lfref.functional import interpolation
 from lfref.lightfield import LightField
 
 SETTLED = 0.08  # pixels, by trial: patches that moved less are not read again
@@ -128,12 +130,7 @@ def _shown(field: LightField, patches: Patches, positions: Tensor) -> Tensor:
 def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor, unknown: Tensor) -> Explanation:
     """Find shifts and disparities by least squares, which give outliers less weight.
 
-    Args:
-        information: Information of patches, in inverse square pixels, [K, 2, 2].
-        moved: Displacements (down, right) of patches in pixels, [K, I, 2].
-        shown: 1 where a view shows a patch, else 0, [K, I].
-        positions: Positions (v, u) of views in view steps, [I, 2].
-        unknown: Patterns of shifts that are left at 0, orthonormal, [2I, M].
+    Arguments are those of a `Registration`; `unknown` are patterns of shifts that are left at 0, orthonormal, [2I, M].
     """
     n_views, trust = len(positions), shown
     unknown = _among(unknown, shown.any(0))
@@ -208,26 +205,31 @@ def limited(information: Tensor) -> Tensor:
     return (vectors * sure[..., None, :]) @ vectors.mT
 
 
+def centred(size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Rows [H] and columns [W] of pixels from the picture's centre, float64."""
+    return geometry.angular_offsets(size[0]), geometry.angular_offsets(size[1])
+
+
+def resampled(field: LightField, rows: Tensor, columns: Tensor) -> LightField:
+    """A light field whose views and weights are read elsewhere; arguments are those of `interpolation.resample`."""
+    weight = field.weight
+    if weight is not None:
+        # Weights have one channel: it is read at the mean place of the colours.
+        means = (places.expand(*field.views.shape[:3], -1).mean(2, keepdim=True) for places in (rows, columns))
+        weight = interpolation.resample(weight, *means).clamp(0, 1)
+    return dataclasses.replace(field, views=interpolation.resample(field.views, rows, columns), weight=weight)
+
+
 @dataclass(frozen=True, eq=False)
-class AlignmentDefect:
+class AlignmentDefect(Defect):
     """Shifts of views."""
 
-    name: ClassVar[str] = "alignment"
-    needs_light: ClassVar[bool] = False
+    name = "alignment"
 
     shifts: Tensor
     """Shifts down and right, in pixels, float64, [V, U, 2]."""
     error: float
-    """Standard error of a shift along an axis in pixels, from the quarters of the picture; infinite: unknown."""
-
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: shifts are unknown, too small to matter, or not much larger than their errors."""
-        if self.error == float("inf"):
-            return "unknown: too little texture, or too few views"
-        rms = float(self.shifts.square().mean().sqrt())
-        if rms > max(LEAST_SHIFT, SURE * self.error):
-            return None
-        return f"views lie within {rms:.3f} px (rms) of their places, to {self.error:.3f} px"
+    """Standard error of a shift along an axis in pixels, from the quarters of the picture."""
 
     def summary(self) -> str:
         """Size of the shifts, and what remains unknown."""
@@ -239,15 +241,16 @@ class AlignmentDefect:
 
     def corrected(self, field: LightField) -> LightField:
         """Views shifted back."""
-        rows, columns = resampling.centred(field.size)
+        rows, columns = centred(field.size)
         down, right = self.shifts[:, :, None, None].unbind(-1)
-        return resampling.resample_field(field, rows + down, columns + right)
+        return resampled(field, rows + down, columns + right)
 
 
 def find_alignment(grid: tuple[int, int], registered: Registration | None) -> AlignmentDefect:
     """Estimate the shift of every view; without a registration the shifts are unknown."""
     if registered is None:
-        return AlignmentDefect(torch.zeros(*grid, 2, dtype=torch.float64), float("inf"))
+        reason = "unknown: too little texture, or too few views"
+        return AlignmentDefect(torch.zeros(*grid, 2, dtype=torch.float64), float("inf"), reason_to_skip=reason)
     shifts = registered.explanation.shifts
     rms = float(shifts.square().mean().sqrt())
     linear = linear_shifts(registered.positions)
@@ -258,40 +261,33 @@ def find_alignment(grid: tuple[int, int], registered: Registration | None) -> Al
             shifts = larger
     quarters = torch.stack([registered.explain(linear, quarter).shifts for quarter in registered.quarters()])
     error = float(quarters.var(0).mean().sqrt() / len(quarters) ** 0.5)
-    return AlignmentDefect(shifts.unflatten(0, grid), error)
+    rms = float(shifts.square().mean().sqrt())
+    is_large = rms > max(LEAST_SHIFT, SURE * error)
+    reason = "" if is_large else f"views lie within {rms:.3f} px (rms) of their places, to {error:.3f} px"
+    return AlignmentDefect(shifts.unflatten(0, grid), error, reason_to_skip=reason)
 
 
 @dataclass(frozen=True, eq=False)
-class SpacingDefect:
+class SpacingDefect(Defect):
     """Distance between view rows, in steps of view columns."""
 
-    name: ClassVar[str] = "spacing"
-    needs_light: ClassVar[bool] = False
+    name = "spacing"
 
     ratio: float
-    """Factor that corrects the rows' positions; 1: no correction."""
-    estimate: float
-    """The ratio as it was estimated, whether it is certain or not; NaN: unknown."""
+    """Factor that corrects the rows' positions; NaN: unknown."""
     error: float
     """Standard error of the ratio."""
     spacing: float = 1.0
     """Distance between rows over that between columns by the positions before the correction."""
 
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: rows and columns stand as their positions say, or their distances are unknown."""
-        if self.ratio != 1:
-            return None
-        if self.estimate != self.estimate:
-            return "unknown: too little depth or texture, or too few rows and columns of views"
-        return self._distances(self.estimate)
-
     def summary(self) -> str:
         """The ratio, and the reader's option that sets the same."""
-        return f"{self._distances(self.ratio)} (reader.spacing=[{self.ratio * self.spacing:.4f},1])"
+        return f"{self.distances()} (reader.spacing=[{self.ratio * self.spacing:.4f},1])"
 
-    def _distances(self, ratio: float) -> str:
+    def distances(self) -> str:
+        """The ratio and its error."""
         error = self.error * self.spacing
-        return f"rows are {ratio * self.spacing:.4f} times as far apart as columns, to {error:.4f}"
+        return f"rows are {self.ratio * self.spacing:.4f} times as far apart as columns, to {error:.4f}"
 
     def corrected(self, field: LightField) -> LightField:
         """The same views at corrected positions."""
@@ -302,15 +298,16 @@ class SpacingDefect:
 def find_spacing(registered: Registration | None) -> SpacingDefect:
     """Compare disparities along rows and along columns; unknown without a registration, or in a single row."""
     if registered is None or min(registered.field.grid) == 1:
-        return SpacingDefect(1.0, float("nan"), float("inf"))
+        reason = "unknown: too little depth or texture, or too few rows and columns of views"
+        return SpacingDefect(float("nan"), float("inf"), reason_to_skip=reason)
     fit, ratio = fit_ratio(registered, torch.ones(len(registered.observed.shown), dtype=torch.bool))
     quarters = torch.tensor([fit_ratio(registered, quarter)[1] for quarter in registered.quarters()])
     error = max(float(fit.errors[1]), float(quarters.std()) / len(quarters) ** 0.5)
     disparities = registered.explanation.disparities[:, 1].abs()
     outermost = float(registered.positions[:, 0].abs().max())
     is_sure = is_certain(abs(float(fit.values[1])), error, disparities, outermost, fit.scatter)
-    spacing = _row_spacing(registered.positions.unflatten(0, registered.field.grid))
-    return SpacingDefect(ratio if is_sure else 1.0, ratio, error, spacing)
+    defect = SpacingDefect(ratio, error, _row_spacing(registered.positions.unflatten(0, registered.field.grid)))
+    return defect if is_sure else dataclasses.replace(defect, reason_to_skip=defect.distances())
 
 
 def _row_spacing(positions: Tensor) -> float:

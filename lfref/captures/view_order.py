@@ -12,11 +12,11 @@ Letters: `v u` view row and column, `y x` pixel row and column.
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import torch
 from torch import Tensor
 
+from lfref.captures.defect import Defect
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import FLOOR, SURE, UNSURE, ReducedViews, SlopeFit
@@ -28,23 +28,21 @@ VOTES = 0.03
 two with stripes in one direction have at least 4 %; in the right order, at most a pixel in a thousand votes."""
 MAJORITY = 10.0
 """Votes for an order to each vote against it, by trial."""
+IN_ORDER = "no other order explains the views better"
 MOVING = 3 * UNSURE
 """Reduced pixels per view step from which motion along both axes shows how rows are spaced."""
 
 
-@dataclass(frozen=True)
-class ViewOrderDefect:
+@dataclass(frozen=True, eq=False)
+class ViewOrderDefect(Defect):
     """Views in another order than rows from the top, each from the left."""
 
-    name: ClassVar[str] = "view_order"
-    needs_light: ClassVar[bool] = False
+    name = "view_order"
 
     is_transposed: bool = False
     """Whether the views are counted down the columns."""
     is_reversed: bool = False
     """Whether one axis is reversed (which of them cannot be known), after the transposition if there is one."""
-    is_certain: bool = True
-    """Whether the order is corrected; that of a single row or column is only reported."""
     row_spacing: float = 1.0
     """Distance between rows over that between columns, roughly; 1 where it is unknown."""
 
@@ -54,17 +52,11 @@ class ViewOrderDefect:
         options = {"reader.transpose=true": self.is_transposed, "reader.reverse_v=true": self.is_reversed}
         return " ".join(option for option, applies in options.items() if applies)
 
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: the order is ours, or not certain."""
-        if not self.remedy:
-            return "no other order explains the views better"
-        return None if self.is_certain else f"{self.summary()}, but a single line of views cannot be certain"
-
     def summary(self) -> str:
         """What is wrong, and the options of the reader that give our order."""
         parts = ["views seem counted down the columns"] * self.is_transposed
         parts += ["one axis of the views seems reversed"] * self.is_reversed
-        return f"{' and '.join(parts) or 'views are in order'} ({self.remedy or 'nothing to do'})"
+        return f"{' and '.join(parts)} ({self.remedy})"
 
     def corrected(self, field: LightField) -> LightField:
         """The same views in our order."""
@@ -89,29 +81,27 @@ def _rows_reversed(field: LightField) -> LightField:
 
 @torch.no_grad()
 def find(reduced: ReducedViews) -> ViewOrderDefect:
-    """The order that explains reduced views of a light field.
-
-    Example:
-        >>> from lfref.captures import view_order
-        >>> from lfref.refocus.focus.slope_range import reduce_views
-        >>> view_order.find(reduce_views(torch.rand(5, 5, 3, 64, 64))).remedy
-        ''
-    """
+    """The order that explains reduced views of a light field."""
     reduced = slope_range.smallest(reduced)
     lines = [views for views in (reduced.along(0), reduced.along(1)) if len(views.indices) > 1]
     if not lines or min(reduced.pictures.shape[1:]) < 2:
-        return ViewOrderDefect()
+        return ViewOrderDefect(reason_to_skip=IN_ORDER)
     plain = [_fit(views, views.steps) for views in lines]
     turned = [_fit(views, views.steps.flip(1)) for views in lines]
     is_transposed = all(_is_clear(*pair) for pair in zip(plain, turned, strict=True))
     if len(lines) == 1:
-        return ViewOrderDefect(is_transposed, is_certain=False)
+        order = ViewOrderDefect(is_transposed)
+        reason = f"{order.summary()}, but a single line of views cannot be certain" if is_transposed else IN_ORDER
+        return dataclasses.replace(order, reason_to_skip=reason)
     steps = reduced.steps.flip(1) if is_transposed else reduced.steps
     down, right = turned[::-1] if is_transposed else plain
     # Rows that are spaced otherwise than columns share no disparity with them before that is allowed for.
     spacing = _row_spacing(down, right)
     forth, back = (_fit(reduced, steps * torch.tensor([row, 1.0]).to(steps)) for row in (spacing, -spacing))
-    return ViewOrderDefect(is_transposed, _is_clear(forth, back), row_spacing=spacing)
+    is_reversed = _is_clear(forth, back)
+    return ViewOrderDefect(
+        is_transposed, is_reversed, spacing, reason_to_skip="" if is_transposed or is_reversed else IN_ORDER
+    )
 
 
 def _fit(reduced: ReducedViews, steps: Tensor) -> SlopeFit:

@@ -9,15 +9,13 @@ The rim is a disc of `radius` view steps, displaced by `displacement` times the 
 share of its cell inside the disc. All views lose light by falloff, 1 / (1 + falloff r^2)^2 (cos^4 of the field angle).
 Letters: `y x` place in half diagonals from the picture's centre, `q p` view row and column from the angular centre,
 `r` distance, `n` windows, `i j` parameters.
-Each defect has a module of its own.
 Source: Goldman and Chen, "Vignette and Exposure Calibration and Compensation", 2005 (moving pictures show falloff).
 """
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -26,6 +24,7 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.captures import registration
 from lfref.captures.brightness import LEAST_RATIO, LEAST_WINDOWS, Ratios
+from lfref.captures.defect import Defect
 from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.lightfield import LightField
@@ -41,11 +40,11 @@ WIDEST = 10.0  # pixels, by trial: largest standard deviation of the smoothing, 
 
 
 @dataclass(frozen=True, eq=False)
-class VignettingDefect:
+class VignettingDefect(Defect):
     """Light that reaches each sample, relative to the middle of the central view."""
 
-    name: ClassVar[str] = "vignetting"
-    needs_light: ClassVar[bool] = True
+    name = "vignetting"
+    needs_light = True
 
     falloff: float = 0.0
     """Square of the tangent of the field angle at the corner; 0 where it is unknown."""
@@ -53,23 +52,8 @@ class VignettingDefect:
     """Displacement of the rim at the picture's corner, in view steps; 0 where it clips nothing."""
     radius: float = 1e3
     """Radius of the rim, in view steps."""
-    is_known: bool = True
-    """Whether enough of the scene is visible in all views, and a rim fits them."""
     white: Tensor | None = None
     """Gain from a white picture, [V, U, C, H, W]."""
-    error: float = 0.0
-    """Standard deviation of the gain in `white`, by the noise of the white picture."""
-
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: no rim clips a view or fits, the white picture is even, or little is visible."""
-        if self.white is not None:
-            # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
-            losses = (1 - self.white[..., ::4, ::4].float()).abs().flatten()
-            loss = float(losses.kthvalue(max(1, int(0.99 * len(losses)))).values)
-            return None if loss > max(LEAST_LOSS, CERTAIN * self.error) else "the white picture is even"
-        if not self.is_known:
-            return "unknown: too little is visible in all views, or no rim fits them"
-        return None if self.displacement else "no view is darker in its corners than others"
 
     def summary(self) -> str:
         """Light left in the darkest corner, and what is unknown."""
@@ -83,29 +67,17 @@ class VignettingDefect:
 
     def gain(self, field: LightField) -> Tensor:
         """Light that reaches each sample, relative to the middle of the central view, float32, [V, U, C or 1, H, W]."""
-        return torch.stack(list(self._gain_of_rows(field)))
-
-    def _gain_of_rows(self, field: LightField) -> Iterator[Tensor]:
-        """`gain` of one view row after the other."""
+        if self.white is not None:
+            return self.white.to(torch.float32, copy=True)
         y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(*field.size) for length in field.size)
-        falloff = falloff_gain(self._rim, y[:, None], x)
-        positions = registration.positions_of(field).float().unflatten(0, field.grid)[..., None, None]
-        for v, (q, p) in enumerate(zip(*positions.unbind(2), strict=True)):
-            if self.white is not None:
-                yield self.white[v].float()
-            else:
-                yield (rim_gain(self._rim, y[:, None], x, q, p) * falloff)[:, None]
+        q, p = registration.positions_of(field).float().unflatten(0, field.grid)[..., None, None, None].unbind(2)
+        return rim_gain(self._rim, y[:, None], x, q, p) * falloff_gain(self._rim, y[:, None], x)
 
     def corrected(self, field: LightField) -> LightField:
         """Samples divided by their gain; those with next to no light stay as they are and have no weight."""
-        views = torch.empty_like(field.views)
-        weight = views.new_empty(*field.grid, 1, *field.size)
-        # One view row at a time: gains and quotients of all views take as much memory as these.
-        for v, row_gain in enumerate(self._gain_of_rows(field)):
-            gain = row_gain.to(views.device)
-            weight[v] = ((gain.mean(1, keepdim=True) - UNTRUSTED) / (TRUSTED - UNTRUSTED)).clamp(0, 1)
-            divided = (field.views[v] / gain.clamp(min=UNTRUSTED)).to(views.dtype)
-            views[v] = torch.where(weight[v] > 0, divided, field.views[v])
+        gain = self.gain(field).to(field.views.device)
+        weight = ((gain.mean(2, keepdim=True) - UNTRUSTED) / (TRUSTED - UNTRUSTED)).clamp(0, 1).to(field.views)
+        views = (field.views / gain.clamp_(min=UNTRUSTED).masked_fill_(weight == 0, 1)).to(field.views)
         if field.weight is not None:
             weight *= field.weight
         return dataclasses.replace(field, views=views, weight=None if bool((weight == 1).all()) else weight)
@@ -118,8 +90,12 @@ class VignettingDefect:
 def find_by_white(white: LightField) -> VignettingDefect:
     """Take the gain of all samples from a white picture."""
     gain, error = white_gain(white.views)
+    # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
+    losses = (1 - gain[..., ::4, ::4]).abs().flatten()
+    loss = float(losses.kthvalue(max(1, int(0.99 * len(losses)))).values)
+    reason = "" if loss > max(LEAST_LOSS, CERTAIN * error) else "the white picture is even"
     # Half precision keeps gains to 1 in 2000, and files small.
-    return VignettingDefect(white=gain.half(), error=error)
+    return VignettingDefect(white=gain.half(), reason_to_skip=reason)
 
 
 def find(ratios: Ratios) -> VignettingDefect:
@@ -127,11 +103,12 @@ def find(ratios: Ratios) -> VignettingDefect:
     # Standard deviation of ratios from window to window, by neighbours.
     log, known = (maps.unflatten(-1, ratios.shape) for maps in (ratios.log.mean(2), ratios.known))
     steps = (log[..., 1:] - log[..., :-1])[known[..., 1:] & known[..., :-1]]
+    unknown = VignettingDefect(reason_to_skip="unknown: too little is visible in all views, or no rim fits them")
     if len(steps) < LEAST_WINDOWS * known.shape[0] * known.shape[1] / 2:
-        return VignettingDefect(is_known=False)
+        return unknown
     scatter = 1.4826 * float(steps.abs().median()) / math.sqrt(2)
     fit = fit_rim(ratios, scatter)
-    return VignettingDefect(is_known=False) if gives_up_light(fit.rim, ratios) else certain_vignetting(fit)
+    return unknown if gives_up_light(fit.rim, ratios) else certain_vignetting(fit)
 
 
 def gives_up_light(rim: "Rim", ratios: Ratios) -> bool:
@@ -149,7 +126,7 @@ def gives_up_light(rim: "Rim", ratios: Ratios) -> bool:
 def certain_vignetting(fit: "RimFit") -> VignettingDefect:
     """The rim of a fit, if it explains the views clearly better than no rim; its falloff is 0 where it is uncertain."""
     if fit.gain < LEAST_GAIN or not fit.rim.displacement:
-        return VignettingDefect()
+        return VignettingDefect(reason_to_skip="no view is darker in its corners than others")
     is_sure = fit.rim.falloff > SURE * fit.falloff_error and fit.least_falloff > AGREED * fit.rim.falloff
     falloff = fit.rim.falloff if is_sure else 0.0
     if falloff < SURE * fit.disagreement:

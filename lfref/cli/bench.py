@@ -20,7 +20,7 @@ from lfref.bench.evaluation import CORRECTIONS, EvaluationCase
 from lfref.bench.stability import components as stability_components
 from lfref.bench.stability import trials
 from lfref.bench.stability.trials import Component
-from lfref.captures.correct import correct_by_option
+from lfref.captures.correct import correct
 from lfref.cli import config as configs
 from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, progress
@@ -181,7 +181,7 @@ def _capture_cases(
 ) -> list[EvaluationCase]:
     """The cases of the light fields of `input`."""
     corrected = (
-        correct_by_option(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
+        correct(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
         for field in light_fields(config, methods if config.thin is None else ())
     )
     if config.truth is not None:

@@ -32,7 +32,7 @@ def simulate(config: DictConfig, folder: Path) -> None:
         if config.resume is not None and (folder / f"{scene.name}_sheet.png").is_file():
             n_done += 1
             continue
-        result = simulated(scene, 0, configs.plain(config.outputs), planes.slopes, config.force, config.explain)
+        result = simulated(scene, 0, configs.plain(config.outputs), planes.slopes, config.force)
         _write(folder, scene, result, planes, config.suffix)
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(result.rows))

@@ -18,7 +18,7 @@ from hydra.utils import get_class
 from omegaconf import DictConfig
 from torch import Tensor
 
-from lfref.captures.correct import Corrections, correct_by_option
+from lfref.captures.correct import NONE, Corrections, correct
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
 from lfref.cli.command import log, paths, progress
@@ -216,10 +216,12 @@ def correct_field(
     """Correct a light field, which is given up, as `config.correct` says, and log what was corrected."""
     remedy = "take method=shift_and_sum_through_cells to have it corrected"
     even = None if refocuser.takes_positions else f"{refocuser.name} needs an even grid: {remedy}"
-    corrected, corrections = correct_by_option(field, str(config.correct), white, even, in_place=True)
-    if corrections is not None and config.explain:
+    corrected, corrections = correct(field, str(config.correct), white, even, in_place=True)
+    if config.correct == NONE:
+        return field, None
+    if config.explain:
         log.info("%s\n%s", field.name, corrections.summary())
-    elif corrections is not None:
+    else:
         if corrections.active:
             active = ", ".join(corrections.active)
             log.info("corrected: %s (explain=true says more, correct=none corrects nothing)", active)

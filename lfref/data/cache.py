@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.captures import correct as corrections
-from lfref.captures.correct import AUTO, NONE, correct_by_option
+from lfref.captures.correct import AUTO, NONE
 from lfref.encoding import LINEAR, Encoding, parsed
 from lfref.errors import FileError
 from lfref.io import atomic, images, lytro_files, view_folders
@@ -118,7 +118,7 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = 
 def _decode(path: Path, options: Mapping[str, Any], correct: str, folder: Path) -> None:
     """Read and correct a light field, and write its samples, its weight and its encoding into a folder."""
     field = reader.read(path, **options)
-    light, _ = correct_by_option(field, correct, even_grid_for=EVEN_GRID)
+    light, _ = corrections.correct(field, correct, even_grid_for=EVEN_GRID)
     encoding = parsed(field.metadata["encoding"])
     # Corrected samples are no longer the whole numbers of the file.
     kind: Any = DTYPES[field.metadata["bits"]] if light.views is field.views else np.float16

@@ -17,7 +17,8 @@ from lightning.pytorch import LightningDataModule
 from rich.progress import track
 
 import lfref
-from lfref.captures.correct import NONE, correct_by_option
+from lfref.captures import correct as corrections
+from lfref.captures.correct import NONE
 from lfref.data import cache
 from lfref.data.cache import Field, keep, kept
 from lfref.data.crops import Batch, Crops, EpochLoader, EpochSampler, Source, collated, epoch_loader, labelled
@@ -345,7 +346,7 @@ class SimulatedSource(Source):
         views = simulation.run(["views"], [0.0]).views
         assert views is not None
         light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
-        corrected, _ = correct_by_option(light, self.correct, even_grid_for=cache.EVEN_GRID)
+        corrected, _ = corrections.correct(light, self.correct, even_grid_for=cache.EVEN_GRID)
         truth = simulation.run(["truth"], self.planes).truth if self.planes else None
         if truth is not None:  # in the brightness and colours of the views
             truth = scene.sensor.encoding.decode(developed(truth, scene.sensor).clamp(0, 1))

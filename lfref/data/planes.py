@@ -23,7 +23,8 @@ from safetensors.torch import save
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from lfref.captures.correct import AUTO, correct_by_option
+from lfref.captures import correct as corrections
+from lfref.captures.correct import AUTO
 from lfref.data.cache import EVEN_GRID
 from lfref.data.crops import EpochLoader, EpochSampler, epoch_loader
 from lfref.io import atomic
@@ -112,7 +113,7 @@ def make(recipe: Recipe, index: int) -> Item:
     # Falloff that all views share can neither be estimated from the views nor be learned.
     has_white = recipe.correct == AUTO and scene.sensor.vignetting is not None
     white = white_picture(scene, recorded) if has_white else None
-    light, _ = correct_by_option(recorded, recipe.correct, white, EVEN_GRID)
+    light, _ = corrections.correct(recorded, recipe.correct, white, EVEN_GRID)
     target = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
     planes = torch.tensor(slopes, dtype=torch.float64)
     inputs = next(refiner_inputs(light, planes, recipe.base, recipe.features))

@@ -9,8 +9,6 @@ has the required variance. They are read linearly, which is four times as fast a
 error is of the fourth order in the distance of samples. So copies have twice as many samples as the bitmap along each
 axis, `FINE` per pixel: what the cubic of the views, without its overshoot, has there (`refined`).
 Beyond the edge of a bitmap its outermost samples repeat.
-The functions of PyTorch run on any device; the compiled functions, which read one point at a time, serve the loops on
-the CPU.
 Letters: `X Y` as in `surfaces`, `M` aperture points, `h w` rows and columns, `i j` column and row, in samples,
 `t` fraction of a sample.
 """
@@ -43,8 +41,6 @@ Quadruple = tuple[np.floating, np.floating, np.floating, np.floating]
 """Weights of four samples, or red, green, blue and opacity."""
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom in pixels from the picture's centre."""
-Positions = tuple[Tensor, Tensor]
-"""X [M, H or 1, W] and Y [M, H, W or 1] in pixels, float64; if they form a grid, X has one row and Y one column."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +88,9 @@ class Bitmap:
         Result: [C, OVERSAMPLING (H + 2 margin), OVERSAMPLING (W + 2 margin)].
         """
         rows, columns = (
-            (torch.arange((length + 2 * margin) * OVERSAMPLING) - OVERSAMPLING * margin - (length - 1) - start)
-            .clamp(0, end - 1)
-            .to(self.samples.device)
+            (torch.arange((length + 2 * margin) * OVERSAMPLING) - OVERSAMPLING * margin - (length - 1) - start).clamp(
+                0, end - 1
+            )
             for length, start, end in zip(
                 size, (self.canvas.top, self.canvas.left), self.samples.shape[1:], strict=True
             )
@@ -167,7 +163,7 @@ def refined(samples: Tensor) -> Tensor:
     Sample m of an axis becomes sample 2m, and what lies midway between m and m + 1 becomes sample 2m + 1.
     """
     for axis in (1, 2):
-        index = torch.arange(samples.shape[axis], device=samples.device)
+        index = torch.arange(samples.shape[axis])
         before, after, last = (
             samples.index_select(axis, (index + step).clamp(0, len(index) - 1)) for step in (-1, 1, 2)
         )
@@ -179,12 +175,12 @@ def refined(samples: Tensor) -> Tensor:
 
 def box_blurred(samples: Tensor, size: int) -> Tensor:
     """Means over `size` x `size` samples (odd), edge samples repeated, [h, w, C] -> [h + size - 1, w + size - 1, C]."""
-    if samples.device.type == "cpu" and size > 1:
-        height, width, n_channels = samples.shape
-        result = torch.empty(height + size - 1, width + size - 1, n_channels, dtype=samples.dtype)
-        box_mean(samples.numpy(), size, result.numpy())
-        return result
-    return _running_mean(_running_mean(samples, size, 0), size, 1)
+    if size == 1:
+        return samples
+    height, width, n_channels = samples.shape
+    result = torch.empty(height + size - 1, width + size - 1, n_channels, dtype=samples.dtype)
+    box_mean(samples.numpy(), size, result.numpy())
+    return result
 
 
 @compiled
@@ -210,16 +206,6 @@ def box_mean(samples: Floats, size: int, result: Floats) -> None:
                 result[row, x, c] = total * share
 
 
-def _running_mean(samples: Tensor, size: int, axis: int) -> Tensor:
-    """Means over `size` samples along one axis, edge samples repeated, by PyTorch on any device."""
-    if size == 1:
-        return samples
-    length = samples.shape[axis]
-    index = torch.arange(-size, length + size - 1, device=samples.device).clamp(0, length - 1)
-    sums = samples.index_select(axis, index).double().cumsum(axis)
-    return ((sums.narrow(axis, size, length + size - 1) - sums.narrow(axis, 0, length + size - 1)) / size).to(samples)
-
-
 def sharpened(samples: Tensor) -> Tensor:
     """Sharpen along each axis, to undo the blur of linear look-ups, whose variance is LINEAR_VARIANCE.
 
@@ -227,7 +213,7 @@ def sharpened(samples: Tensor) -> Tensor:
     """
     for axis in (0, 1):
         length = samples.shape[axis]
-        index = torch.arange(-1, length + 1, device=samples.device)
+        index = torch.arange(-1, length + 1)
         before, here, after = (samples.index_select(axis, (index + step).clamp(0, length - 1)) for step in (-1, 0, 1))
         # A kernel (-v/2, 1 + v, -v/2) has the sum 1 and the variance -v.
         samples = (1 + LINEAR_VARIANCE) * here - LINEAR_VARIANCE / 2 * (before + after)
@@ -245,19 +231,18 @@ def _cubic_taps(position: Tensor, length: int) -> tuple[Tensor, Tensor]:
     weights = cubic_weights((position - whole).float())
     # Clamped before the conversion: positions far outside may exceed int64.
     first = whole.clamp(-TAPS, length + TAPS).long() - 1
-    offsets = torch.arange(TAPS, device=position.device)
-    return (first[..., None] + offsets).clamp(0, length - 1), weights
+    return (first[..., None] + torch.arange(TAPS)).clamp(0, length - 1), weights
 
 
 def cubic_on_grid(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
     """A bitmap [C, h, w] on grids of columns [M, 1, W] and rows [M, H, 1], axis by axis; result [M, C, H, W]."""
     rows, down = _cubic_taps(j[..., 0], bitmap.shape[-2])
     columns, across = _cubic_taps(i[:, 0], bitmap.shape[-1])
-    lines = torch.zeros((), device=bitmap.device)
+    lines = torch.zeros(())
     for tap in range(TAPS):
         lines = lines + bitmap[:, rows[..., tap]] * down[..., tap, None]
     shape = (*lines.shape[:-1], columns.shape[1])
-    result = torch.zeros((), device=bitmap.device)
+    result = torch.zeros(())
     for tap in range(TAPS):
         result = result + lines.gather(-1, columns[:, None, :, tap].expand(shape)) * across[:, None, :, tap]
     return result.movedim(0, 1)

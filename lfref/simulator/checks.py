@@ -5,6 +5,9 @@ from collections.abc import Iterable
 
 from lfref.errors import InputError
 
+TINY = math.ulp(0.0)
+"""The least number above 0."""
+
 
 def freeze(description: object) -> None:
     """Turn the lists of a frozen dataclass, as yaml gives them, into tuples: call it in `__post_init__`."""
@@ -28,46 +31,21 @@ def numbers(what: str, values: Iterable[float], least: float = -math.inf, most: 
         raise InputError(f"{what} must be finite numbers" + ", ".join(["", *limits]), got=values)
 
 
-def pair(what: str, values: tuple[float, ...], least: float = -math.inf, most: float = math.inf) -> None:
-    """Refuse anything but two numbers within the limits."""
-    _check_length(what, values, 2)
+def pair(
+    what: str, values: tuple[float, ...], least: float = -math.inf, most: float = math.inf, count: int = 2
+) -> None:
+    """Refuse anything but two numbers, or `count`, within the limits."""
+    if not isinstance(values, tuple) or len(values) != count:
+        raise InputError(f"{what} must have {count} numbers", got=values)
     numbers(what, values, least, most)
-
-
-def span(what: str, values: tuple[float, ...], least: float = -math.inf, most: float = math.inf) -> None:
-    """Refuse anything but two numbers within the limits, the smaller first."""
-    pair(what, values, least, most)
-    if values[0] > values[1]:
-        raise InputError(f"{what} must go from small to large", got=values)
 
 
 def colour(what: str, values: tuple[float, ...], least: float = 0.0, most: float = 1.0) -> None:
     """Refuse anything but three numbers (red, green, blue) within the limits."""
-    _check_length(what, values, 3)
-    numbers(what, values, least, most)
-
-
-def _check_length(what: str, values: tuple[float, ...], length: int) -> None:
-    if not isinstance(values, tuple) or len(values) != length:
-        raise InputError(f"{what} must have {length} numbers", got=values)
-
-
-def above_zero(what: str, *values: float) -> None:
-    """Refuse values that are not finite and above 0."""
-    numbers(what, values)
-    if min(values) <= 0:
-        raise InputError(f"{what} must be above 0", got=list(values))
+    pair(what, values, least, most, count=3)
 
 
 def kind(what: str, value: object, base: type) -> None:
-    """Refuse a part of a scene that is not an instance of a class; the error names the classes to choose from."""
+    """Refuse a part of a scene that is not an instance of a class."""
     if not isinstance(value, base):
-        classes = sorted(_leaf_classes(base), key=lambda cls: cls.__name__)
-        remedy = f"in yaml, write _target_: {classes[0].__module__}.{classes[0].__name__}"
-        expected = f"{what} must be one of {', '.join(cls.__name__ for cls in classes)}"
-        raise InputError(expected, got=repr(value), remedy=remedy if isinstance(value, dict) else "")
-
-
-def _leaf_classes(base: type) -> list[type]:
-    subclasses: list[type] = base.__subclasses__()
-    return [leaf for cls in subclasses for leaf in _leaf_classes(cls)] if subclasses else [base]
+        raise InputError(f"{what} must be a {base.__name__}", got=repr(value))

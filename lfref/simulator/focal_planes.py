@@ -315,8 +315,8 @@ def visible_layers(layers: Sequence[Layer], slope: float, windows: Windows) -> t
             # Neither other layers nor a mirrored picture change how far rays meet this one.
             own_margin = _margin([replace(layers[k], reflection=None)], windows.camera, slope)
             opacity = windows.cut(layers[k].bitmap, own_margin)[3]
-        # On the CPU by NumPy: PyTorch's threads would wait for each other where several processes share the cores.
-        values = opacity.numpy() if opacity.device.type == "cpu" else opacity
+        # By NumPy: PyTorch's threads would wait for each other where several processes share the cores.
+        values = opacity.numpy()
         if float(values.max()) > 0:
             visible.append(k)
         # Float32 products of opacities may miss 1 by some roundings.

@@ -12,10 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
-from lfref.simulator.bitmaps import Bitmap, Positions
+from lfref.simulator import materials
+from lfref.simulator.bitmaps import Bitmap
 from lfref.simulator.mattes import Full
 from lfref.simulator.scene import Camera, Surface
 from lfref.simulator.surfaces import Geometry
@@ -32,18 +30,6 @@ class Highlight(NamedTuple):
     x: float
     y: float
 
-    def light_at(self, positions: Positions, p: Tensor, q: Tensor, spread: float | Tensor = 0.0) -> Tensor:
-        """Light of the highlight at points of the surface, from aperture points [M, 1, 1], float64, [M, 3, H, W].
-
-        `spread` is the width in pixels of the box that blurs the lobe along both axes. A box of width b has the
-        variance b^2 / 12, and a wider lobe is lower.
-        """
-        offset_x = positions[0] - self.x - self.drift * p
-        offset_y = positions[1] - self.y - self.drift * q
-        variance = self.width**2 + spread**2 / 12
-        lobe = torch.exp(-(offset_x**2 + offset_y**2) / (2 * variance)) * self.width**2 / variance
-        return lobe[:, None] * lobe.new_tensor(self[:3])[:, None, None]
-
 
 class Reflection(NamedTuple):
     """The picture that a mirror or glass shows."""
@@ -55,7 +41,7 @@ class Reflection(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """One painted surface, on a device."""
+    """One painted surface."""
 
     surface: Surface
     bitmap: Bitmap  # premultiplied colours and opacity, [4, h, w]
@@ -65,15 +51,10 @@ class Layer:
     is_traced: bool = False  # whether its rays are followed one by one; otherwise every view is a shifted copy
     is_sorted: bool = False  # whether it crosses another layer, so that layers are sorted at each pixel
 
-    @property
-    def device(self) -> torch.device:
-        """The device of its bitmap."""
-        return self.bitmap.samples.device
-
 
 def total_opacity(surface: Surface) -> float:
     """Opacity within the outline: the mirrored share hides the background; the rest has the surface's own opacity."""
-    return 1 - (1 - surface.material.reflectance) * (1 - surface.opacity)
+    return 1 - (1 - materials.reflectance(surface.material)) * (1 - surface.opacity)
 
 
 def is_backdrop(surface: Surface) -> bool:
@@ -83,7 +64,8 @@ def is_backdrop(surface: Surface) -> bool:
 
 def only_shifts(surface: Surface) -> bool:
     """Whether views of a surface differ by a shift alone."""
-    return surface.geometry.is_parallel and not surface.material.is_view_dependent
+    material = surface.material
+    return surface.geometry.is_parallel and not (materials.is_glossy(material) or materials.reflectance(material))
 
 
 Extent = tuple[float, float]

@@ -15,21 +15,6 @@ class Material:
 
     lengths: ClassVar[tuple[str, ...]]  # fields in pixels or in pixels per view step
 
-    @property
-    def is_view_dependent(self) -> bool:
-        """Whether the same point looks different from different aperture points."""
-        return False
-
-    @property
-    def own_gain(self) -> float | None:
-        """Factor of the colours for a surface that shines by itself; None if the scene's light falls on it."""
-        return None
-
-    @property
-    def reflectance(self) -> float:
-        """Share of the light that comes from a mirrored picture."""
-        return 0.0
-
 
 @dataclass(frozen=True)
 class Matte(Material):
@@ -47,11 +32,6 @@ class Emissive(Material):
 
     def __post_init__(self) -> None:
         checks.numbers("an emissive gain", [self.gain], least=0)
-
-    @property
-    def own_gain(self) -> float:
-        """Factor of the colours."""
-        return self.gain
 
 
 @dataclass(frozen=True)
@@ -71,14 +51,9 @@ class Glossy(Material):
     def __post_init__(self) -> None:
         checks.freeze(self)
         checks.numbers("a highlight's strength", [self.strength], least=0)
-        checks.above_zero("a highlight's width", self.width)
+        checks.numbers("a highlight's width", [self.width], checks.TINY)
         checks.numbers("a highlight's drift", [self.drift])
         checks.pair("a highlight's centre", self.centre)
-
-    @property
-    def is_view_dependent(self) -> bool:
-        """Whether there is a highlight; a highlight that does not drift counts too, though it could be painted."""
-        return self.strength > 0
 
 
 @dataclass(frozen=True)
@@ -96,16 +71,6 @@ class _Reflecting(Material):
         checks.kind("a mirrored texture", self.texture, Texture)
         checks.numbers("a mirrored disparity", [self.disparity])
 
-    @property
-    def is_view_dependent(self) -> bool:
-        """Whether anything is mirrored."""
-        return self.share > 0
-
-    @property
-    def reflectance(self) -> float:
-        """Share of the light that comes from the mirrored picture."""
-        return self.share
-
 
 @dataclass(frozen=True)
 class Mirror(_Reflecting):
@@ -119,3 +84,13 @@ class Glass(_Reflecting):
     """A mirror of a small share; give its surface a small opacity, so that the background shines through."""
 
     share: float = 0.15
+
+
+def reflectance(material: Material) -> float:
+    """Share of the light that comes from a mirrored picture."""
+    return material.share if isinstance(material, _Reflecting) else 0.0
+
+
+def is_glossy(material: Material) -> bool:
+    """Whether a highlight shows; one that does not drift counts too, though it could be painted."""
+    return isinstance(material, Glossy) and material.strength > 0

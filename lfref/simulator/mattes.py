@@ -122,7 +122,7 @@ class Leaf(Outline):
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        checks.above_zero("a leaf's length and width", self.length, self.width)
+        checks.numbers("a leaf's length and width", [self.length, self.width], checks.TINY)
         checks.numbers("a leaf's angle", [self.angle])
         checks.pair("a leaf's centre", self.centre)
         if not self.width < self.length:
@@ -161,7 +161,7 @@ class Twigs(Outline):
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        checks.above_zero("twigs' length", self.length)
+        checks.numbers("twigs' length", [self.length], checks.TINY)
         checks.numbers("twigs' width", [self.width], least=2 * EDGE)
         checks.numbers("twigs' generations", [self.generations], 0, 6)
         checks.numbers("twigs' angle", [self.angle])

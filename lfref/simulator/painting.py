@@ -2,8 +2,7 @@
 
 Surfaces are sorted from far to near, hidden surfaces are left out, and visible surfaces are painted in full, opaque
 colours. Then come changes: light, opacity, outline, motion, mirrored pictures, highlights, and marks for rays and
-sorting. The planner skips a change that would leave all layers as they are. All layers are painted on the CPU, so that
-they are the same on every device.
+sorting. The planner skips a change that would leave all layers as they are.
 """
 
 import math
@@ -14,10 +13,10 @@ import torch
 from torch import Tensor
 
 from lfref.functional import fft_lengths
-from lfref.simulator import bitmaps, layers, planner
+from lfref.simulator import bitmaps, layers, materials, planner
 from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Box, Canvas
 from lfref.simulator.layers import Highlight, Layer, Reflection
-from lfref.simulator.materials import Glass, Glossy, Mirror
+from lfref.simulator.materials import Emissive, Glass, Glossy, Mirror
 from lfref.simulator.mattes import Full
 from lfref.simulator.planner import Pass
 from lfref.simulator.scene import Camera, Scene, Surface
@@ -86,11 +85,12 @@ def passes(scene: Scene, reach: float = 0.0, force: bool = False) -> list[Pass]:
         ),
         change(
             "reflection", "smeared", "reflecting", "no mirror, no glass",
-            lambda surface: surface.material.reflectance != 0, lambda layer: _with_reflection(layer, scene, reach),
+            lambda surface: materials.reflectance(surface.material) != 0,
+            lambda layer: _with_reflection(layer, scene, reach),
         ),
         change(
             "gloss", "reflecting", "shining", "no surface is glossy",
-            lambda surface: isinstance(surface.material, Glossy) and surface.material.strength > 0,
+            lambda surface: materials.is_glossy(surface.material),
             lambda layer: _with_highlight(layer, scene),
         ),
         # Marks for views and truth.
@@ -162,14 +162,14 @@ def _opaque(canvas: Canvas, colours: Tensor) -> Tensor:
 
 def _light_gains(scene: Scene, surface: Surface) -> Tensor:
     """Factors of red, green and blue, and 1 for the opacity, [4, 1, 1]."""
-    own_gain, light = surface.material.own_gain, scene.light
-    gains = [part * light.gain if own_gain is None else own_gain for part in light.colour]
+    material, light = surface.material, scene.light
+    gains = [material.gain if isinstance(material, Emissive) else part * light.gain for part in light.colour]
     return torch.tensor([*gains, 1.0])[:, None, None]
 
 
 def _opacities(surface: Surface) -> tuple[float, float]:
     """Opacity of the surface's own colours, without the mirrored picture, and its total opacity."""
-    return surface.opacity * (1 - surface.material.reflectance), layers.total_opacity(surface)
+    return surface.opacity * (1 - materials.reflectance(surface.material)), layers.total_opacity(surface)
 
 
 def _multiplied(layer: Layer, factors: Tensor) -> Layer:

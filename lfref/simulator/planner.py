@@ -7,12 +7,8 @@ under the name of its own result, and its other needs fall away.
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from graphlib import CycleError, TopologicalSorter
+from graphlib import TopologicalSorter
 from typing import Any, NamedTuple
-
-import torch
-
-from lfref.errors import InputError
 
 
 class Pass(NamedTuple):
@@ -31,7 +27,7 @@ class Outcome(NamedTuple):
     name: str
     state: str  # `run` or `skipped`
     why: str
-    milliseconds: float | None  # duration in the last timed run; None without one
+    milliseconds: float | None  # duration in the last run; None without one
 
 
 class Stage(NamedTuple):
@@ -52,22 +48,15 @@ class Schedule:
     unneeded: tuple[Pass, ...] = ()  # passes on which no requested result depends
     milliseconds: dict[str, float] = field(default_factory=dict)  # duration of each pass, by its result
 
-    def run(self, timed: bool = False) -> dict[str, Any]:
-        """The requested results by name; `timed` measures each pass, waiting for an idle GPU before and after it."""
+    def run(self) -> dict[str, Any]:
+        """The requested results by name."""
         last_use = {name: place for place, stage in enumerate(self.stages) for name in stage.needs}
         results: dict[str, Any] = {}
         for place, stage in enumerate(self.stages):
             inputs = [results[name] for name in stage.needs]
-            if stage.is_skipped:
-                results[stage.work.makes] = inputs[0]
-            elif timed:
-                _wait_for_gpu()
-                start = time.perf_counter()
-                results[stage.work.makes] = stage.work.run(*inputs)
-                _wait_for_gpu()
-                self.milliseconds[stage.work.makes] = 1000 * (time.perf_counter() - start)
-            else:
-                results[stage.work.makes] = stage.work.run(*inputs)
+            start = time.perf_counter()
+            results[stage.work.makes] = inputs[0] if stage.is_skipped else stage.work.run(*inputs)
+            self.milliseconds[stage.work.makes] = 1000 * (time.perf_counter() - start)
             # Large pictures are freed as soon as no later pass needs them.
             del inputs
             for name in stage.needs:
@@ -87,36 +76,19 @@ class Schedule:
 
 
 def plan(passes: Iterable[Pass], outputs: Sequence[str], force: bool = False) -> Schedule:
-    """A schedule of the passes that the requested results depend on; with `force`, inert passes run too.
-
-    Passes may come in any order. No output, a result that no pass or two passes make, and passes that need each other
-    in a circle raise InputError.
-    """
-    if isinstance(outputs, str) or not outputs:
-        raise InputError("outputs must be a list of at least one name", got=repr(outputs))
-    makers: dict[str, Pass] = {}
-    for work in passes:
-        if work.makes in makers:
-            raise InputError(f"only one pass may make {work.makes!r}", got=f"{makers[work.makes].name} and {work.name}")
-        makers[work.makes] = work
+    """A schedule of the passes, given in any order, that the outputs need; with `force`, inert passes run too."""
+    makers = {work.makes: work for work in passes}
     stages: dict[str, Stage] = {}
     pending = list(outputs)
     for name in pending:  # grows while it is walked
-        if name not in makers:
-            raise InputError(f"results must be among {', '.join(makers)}", got=repr(name))
-        if name not in stages:
-            work = makers[name]
-            assert work.inert is None or work.needs, f"{work.name} is inert but has nothing to pass on"
-            if work.inert is None or force:
-                why = f"makes {work.makes}" if work.inert is None else f"forced, though {work.inert}"
-                stages[name] = Stage(work, work.needs, False, why)
-            else:
-                stages[name] = Stage(work, work.needs[:1], True, work.inert)
-            pending += stages[name].needs
-    try:
-        order = tuple(TopologicalSorter({name: stage.needs for name, stage in stages.items()}).static_order())
-    except CycleError as error:
-        raise InputError("passes must not need each other in a circle", got=" -> ".join(error.args[1])) from error
+        work = makers[name]
+        if work.inert is None or force:
+            why = f"makes {work.makes}" if work.inert is None else f"forced, though {work.inert}"
+            stages[name] = Stage(work, work.needs, False, why)
+        else:
+            stages[name] = Stage(work, work.needs[:1], True, work.inert)
+        pending += [need for need in stages[name].needs if need not in stages]
+    order = TopologicalSorter({name: stage.needs for name, stage in stages.items()}).static_order()
     unneeded = tuple(work for name, work in makers.items() if name not in stages)
     return Schedule(tuple(stages[name] for name in order), tuple(outputs), unneeded)
 
@@ -130,8 +102,3 @@ def table(rows: Iterable[Outcome]) -> str:
     return "\n".join(
         f"{name:{first}}  {state:{second}}  {why:{third}}  {time:>{last}}".rstrip() for name, state, why, time in lines
     )
-
-
-def _wait_for_gpu() -> None:
-    if torch.cuda.is_initialized():
-        torch.cuda.synchronize()

@@ -187,7 +187,7 @@ def add_highlight(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int,
     """Add the highlight of layer k to `rgba` [4, W] at the points that `intersect` found.
 
     Within a cell the highlight moves over the picture by (e - drift) times the cell's width, where e is the relative
-    slope, and is blurred by a box of that width. See `layers.Highlight.light_at`.
+    slope, and is blurred by a box of that width.
     """
     lobe = layers.highlights[k]
     width, drift = lobe[3], lobe[4]

@@ -39,10 +39,8 @@ class Camera:
             checks.pair(what, values, least=1)
             if not all(isinstance(value, int) for value in values):
                 raise InputError(f"{what} must be whole numbers", got=values)
-        if not (isinstance(self.samples, int) and 1 <= self.samples <= 8):
-            raise InputError("a camera's samples must be a whole number from 1 to 8", got=repr(self.samples))
-        if not self.truth_error > 0:
-            raise InputError("a camera's truth_error must be above 0", got=repr(self.truth_error))
+        checks.numbers("a camera's samples", [self.samples], 1, 8)
+        checks.numbers("a camera's truth_error", [self.truth_error], checks.TINY)
         if self.aperture not in ("square", "disc"):
             raise InputError("aperture must be one of square, disc", got=repr(self.aperture))
 

@@ -16,13 +16,18 @@ from torch import Generator
 
 from lfref.errors import InputError
 from lfref.simulator import checks
-from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
-from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
+from lfref.simulator.effects.recording import (
+    PATTERNS,
+    Clipping,
+    Exposure,
+    Mosaic,
+    Noise,
+    Quantisation,
+    ToneCurve,
+    WhiteBalance,
+)
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive, Glass, Glossy, Material, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygon, Twigs
 from lfref.simulator.scene import Camera, Scene, Surface
@@ -245,7 +250,7 @@ class RandomSensor:
             if option.name in RANDOM_EFFECTS:
                 checks.numbers(f"the share of {option.name}", [value], 0, 1)
             else:
-                checks.span(f"the range of {option.name}", value)
+                checks.pair(f"the range of {option.name}", value)
 
     def draw(self, draws: RandomDraws) -> Sensor:
         """A sensor; effects of share 0 draw no numbers. A range that an effect does not allow raises InputError."""
@@ -303,17 +308,12 @@ class RandomScenes(Scenes):
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        if not (1 <= self.n_surfaces[0] <= self.n_surfaces[1] and self.disparities[0] <= self.disparities[1]):
-            got = (self.n_surfaces, self.disparities)
-            raise InputError("ranges must go from small to large, with one surface at least", got=got)
-        if not 0 <= self.slant * sum(self.camera.half_aperture) <= STEEPEST:
-            raise InputError("slant must be from 0 to 0.5 / (half the view rows + half the columns)", got=self.slant)
         for name in ("domes", *MATERIALS, "translucent", "moving"):
             checks.numbers(f"the share of {name}", [getattr(self, name)], 0, 1)
         checks.numbers("the shares of materials together", [sum(getattr(self, name) for name in MATERIALS)], 0, 1)
         for what, span in (("bulges", self.bulge), ("motions", self.motion)):
-            checks.span(f"the range of {what}", span)
-        checks.span("the range of opacities", self.opacity, 0, 1)
+            checks.pair(f"the range of {what}", span)
+        checks.pair("the range of opacities", self.opacity, 0, 1)
 
     def scene(self, seed: int, epoch: int, index: int) -> Scene:
         """The scene that seed, epoch and index fix."""

@@ -15,13 +15,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from lfref.errors import chosen
-from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import Mosaic
-from lfref.simulator.effects.noise import Noise as SensorNoise
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
+from lfref.simulator.effects.recording import Clipping, Exposure, Mosaic, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.recording import Noise as SensorNoise
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive, Glass, Glossy, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
 from lfref.simulator.scene import Camera, Light, Scene, Surface

@@ -142,7 +142,7 @@ class Dome(Geometry):
     def __post_init__(self) -> None:
         checks.freeze(self)
         checks.numbers("a dome's disparity and bulge", [self.disparity, self.bulge])
-        checks.above_zero("a dome's radius", self.radius)
+        checks.numbers("a dome's radius", [self.radius], checks.TINY)
         checks.pair("a dome's centre", self.centre)
 
     @property

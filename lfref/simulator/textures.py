@@ -17,7 +17,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lfref.errors import InputError
 from lfref.io import images
 from lfref.simulator import checks
 from lfref.simulator.bitmaps import OVERSAMPLING, Canvas
@@ -72,7 +71,7 @@ class _Wave(Texture):
 
     def __post_init__(self) -> None:
         checks.freeze(self)
-        checks.above_zero("a wave's period", self.period)
+        checks.numbers("a wave's period", [self.period], checks.TINY)
         checks.numbers("a wave's angle and phase", [self.angle, self.phase])
         checks.colour("a texture's colour", self.low)
         checks.colour("a texture's colour", self.high)
@@ -174,8 +173,6 @@ class Picture(Texture):
 
     def __post_init__(self) -> None:
         checks.numbers("a picture's width", [self.width], 4, 16384)
-        if not isinstance(self.path, str) or not self.path:
-            raise InputError("a picture's path must name a file", got=repr(self.path))
 
     def paint(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
         """The image; a missing or damaged file raises FileError."""

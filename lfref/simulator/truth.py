@@ -85,25 +85,12 @@ def filter_layer(plane: FocalPlane) -> Tensor:
         in_group = (groups.reshape(-1) == group).astype(float)
         top, down = focal_planes.combined_taps(cell.down, cell.rows, in_group)
         left, across = focal_planes.combined_taps(cell.across, cell.columns, share)
-        if samples.device.type == "cpu":
-            truth_loops.filter_at_pixels(samples.numpy(), down, across, top, left, FINE, picture.numpy())
-        else:
-            rows = _filter_matrix(top, down, picture.shape[1], samples.shape[1]).to(samples)
-            columns = _filter_matrix(left, across, picture.shape[2], samples.shape[2]).to(samples)
-            picture += rows @ samples @ columns.mT
+        truth_loops.filter_at_pixels(samples.numpy(), down, across, top, left, FINE, picture.numpy())
     return picture
 
 
-def _filter_matrix(first: int, taps: NDArray, length: int, n_samples: int) -> Tensor:
-    """A filter at every pixel as a matrix, float64, [length, n_samples]."""
-    matrix = torch.zeros(length, n_samples, dtype=torch.float64)
-    pixels = torch.arange(length)[:, None]
-    matrix[pixels, first + FINE * pixels + torch.arange(len(taps))] = torch.from_numpy(taps)
-    return matrix
-
-
 def render(plane: FocalPlane) -> Tensor:
-    """The picture of a plane by compiled loops, on the CPU, [3, H, W]."""
+    """The picture of a plane by compiled loops, [3, H, W]."""
     cells, n_pixels = plane.cells, math.prod(plane.camera.size)
     # About 4 million look-ups take as long as the start of one more thread.
     n_threads = loops.worthwhile(len(plane.layers) * cells.weights.numel() * n_pixels, 1 << 22)

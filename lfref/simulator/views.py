@@ -263,7 +263,7 @@ def masks(layers: Sequence[Layer], camera: Camera, n_surfaces: int) -> Tensor:
     Shares sum to 1 less the share of black; a surface without a layer has a share of 0.
     """
     opacities, disparities = _central_layers(layers, camera)
-    ranks = torch.arange(len(layers), dtype=disparities.dtype, device=disparities.device)[:, None, None]
+    ranks = torch.arange(len(layers), dtype=disparities.dtype)[:, None, None]
     depths = disparities if any(layer.is_sorted for layer in layers) else ranks
     shares = opacities.new_zeros(n_surfaces, *camera.size)
     for k, layer in enumerate(layers):
@@ -275,7 +275,7 @@ def masks(layers: Sequence[Layer], camera: Camera, n_surfaces: int) -> Tensor:
 
 def _central_layers(layers: Sequence[Layer], camera: Camera) -> tuple[Tensor, Tensor]:
     """Opacities, float32, and disparities, float64, of layers in the central view, [K, H, W] each."""
-    x, y = (pixels[0].to(layers[0].device) for pixels in camera.pixels())
+    x, y = (pixels[0] for pixels in camera.pixels())
     # Rays of the central view meet all surfaces at their own (x, y), where bitmaps have samples.
     opacities = [Bitmap(layer.bitmap.canvas, layer.bitmap.samples[3:]).window(camera.size)[0] for layer in layers]
     disparities = [layer.surface.geometry.disparity_at(x, y).expand(camera.size) for layer in layers]

@@ -13,8 +13,8 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import planes_at_alphas
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
-from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.response import ToneCurve
+from lfref.simulator.effects.optics import Crosstalk
+from lfref.simulator.effects.recording import ToneCurve
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface

@@ -20,8 +20,8 @@ from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
-from lfref.simulator.effects.noise import Noise as SensorNoise
-from lfref.simulator.effects.response import Exposure, ToneCurve
+from lfref.simulator.effects.recording import Exposure, ToneCurve
+from lfref.simulator.effects.recording import Noise as SensorNoise
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Scene, Surface

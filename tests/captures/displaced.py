@@ -6,8 +6,8 @@ import functools
 import torch
 
 from lfref import geometry
-from lfref.simulator.effects import displacement
-from lfref.simulator.effects.displacement import Chromatic
+from lfref.simulator.effects import optics
+from lfref.simulator.effects.optics import Chromatic
 
 from .scenes import clean
 
@@ -23,7 +23,7 @@ def shifts(size=0.25, seed=1):
 
 def misaligned(name, moved):
     field = clean(name)
-    return dataclasses.replace(field, views=displacement.shift(field.views, moved.flip(-1)))
+    return dataclasses.replace(field, views=optics.shift(field.views, moved.flip(-1)))
 
 
 def dispersed(name, magnification, disparity):
@@ -35,7 +35,7 @@ def stretched(name, ratio):
     """A picture that is taller has larger disparities along rows: as of rows of views farther apart."""
     field = clean(name)
     rows, columns = (geometry.angular_offsets(n) for n in field.size)
-    return dataclasses.replace(field, views=displacement.resample(field.views, rows / ratio, columns))
+    return dataclasses.replace(field, views=optics.resample(field.views, rows / ratio, columns))
 
 
 def noisy(field, size=0.02):

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lfref.captures import chromatic
-from lfref.captures.chromatic import ChromaticDefect, Dispersion
+from lfref.captures.chromatic import Dispersion
 from lfref.captures.displacements import Fitted
 from lfref.lightfield import LightField
 
@@ -22,7 +22,7 @@ def found_in(field):
 @pytest.mark.parametrize("name", ["shards", "leaves"])
 def test_known_sizes_and_focuses_are_estimated(name):
     defect = found_in(displaced.dispersed(name, SIZES, FOCUS))
-    assert defect.reason_to_skip() is None
+    assert not defect.reason_to_skip
     torch.testing.assert_close(defect.magnifications, torch.tensor(SIZES).double(), atol=4e-4, rtol=0)
     torch.testing.assert_close(defect.disparities, torch.tensor(FOCUS).double(), atol=4e-3, rtol=0)
     assert "channel 0" in defect.summary()
@@ -37,36 +37,14 @@ def test_corrected_views_are_those_of_the_scene():
     assert after < before / 3
 
 
-def test_a_colour_that_lies_beside_is_moved_back():
-    field = clean("shards")
-    beside = torch.zeros(3, 2, dtype=torch.float64)
-    beside[0] = torch.tensor([0.3, -0.2])
-    still = torch.ones(3, dtype=torch.float64)
-    # The inverse of a shift is the shift back.
-    moved = ChromaticDefect(still, -beside, 0 * still).corrected(field)
-    assert rms(moved.views[:, :, 1:] - field.views[:, :, 1:]) == 0
-    back = ChromaticDefect(still, beside, 0 * still).corrected(moved)
-    assert rms((back.views - field.views)[..., 8:-8, 8:-8]) < 0.2 * rms((moved.views - field.views)[:, :, 0])
-
-
 @pytest.mark.parametrize("name", ["shards", "lattice", "thicket", "veil", "window", "lamps"])
 def test_colours_that_agree_stay_as_they_are(name):
-    assert chromatic.find(clean(name), registered_clean(name)).reason_to_skip() is not None
-
-
-def test_noise_is_no_aberration():
-    assert found_in(displaced.noisy(clean("shards"), 0.05)).reason_to_skip() is not None
+    assert chromatic.find(clean(name), registered_clean(name)).reason_to_skip
 
 
 def test_one_channel_and_flat_pictures_have_nothing_to_compare():
-    assert "one channel" in found_in(LightField(torch.rand(3, 3, 1, 80, 96))).reason_to_skip()
-    assert "too little texture" in found_in(LightField(torch.full((3, 3, 3, 80, 96), 0.5))).reason_to_skip()
-
-
-def test_two_dozen_patches_are_needed():
-    known = registered(displaced.dispersed("shards", SIZES, FOCUS))
-    few = known._replace(patches=known.patches._replace(rows=known.patches.rows[:23]))
-    assert "too little texture" in chromatic.find(known.field, few).reason_to_skip()
+    assert "one channel" in found_in(LightField(torch.rand(3, 3, 1, 80, 96))).reason_to_skip
+    assert "too little texture" in found_in(LightField(torch.full((3, 3, 3, 80, 96), 0.5))).reason_to_skip
 
 
 def fitted(values, errors, effect=1.0, scatter=0.0):
@@ -92,14 +70,6 @@ def test_a_magnification_counts_if_it_is_certain_shows_and_exceeds_the_scatter(l
 
 
 @pytest.mark.parametrize(
-    ("offset", "error", "expected"), [(0.033, 0.0, True), (0.027, 0.0, False), (-0.9, 0.2, True), (-0.7, 0.2, False)]
-)
-def test_an_offset_counts_from_three_hundredths_of_a_pixel_and_four_standard_errors(offset, error, expected):
-    lateral = fitted([0.0, offset, 0.01], [0, error, 0.0])
-    assert chromatic.is_certain(Dispersion(lateral, NOT_AXIAL), 3.0) == [False, expected, True, False]
-
-
-@pytest.mark.parametrize(
     ("disparity", "error", "scatter", "expected"),
     [
         (-0.9, 0.2, 0.0, True),  # four standard errors
@@ -114,25 +84,3 @@ def test_a_focus_counts_if_it_is_certain_shows_and_exceeds_the_scatter(disparity
     axial = fitted([disparity], [error], scatter=scatter)
     nothing = fitted([0.0, 0.0, 0.0], [0, 0, 0.0])
     assert chromatic.is_certain(Dispersion(nothing, axial), 3.0) == [False, False, False, expected]
-
-
-def test_no_patch_counts_as_more_exact_than_three_thousandths_of_a_pixel_per_view():
-    # Some patches have no error of their own, others one as large as the least: these weigh half.
-    is_exact = torch.arange(300) < 100
-    rest = (torch.arange(300) // 2 % 2 - 0.5) * torch.where(is_exact, 1.0, 2**0.5) * 0.006
-    differences = (rest + torch.where(is_exact, 0.0, 3e-4)).double()[:, None].expand(-1, 2)
-    precision = torch.where(is_exact, 1e12, 2 / 0.003**2).double()[:, None, None].expand(-1, 2, 2)
-    fit = chromatic.added_disparity(differences, precision)
-    assert float(fit.values) == pytest.approx(1.5e-4, rel=0.1)
-
-
-def test_colours_that_agree_are_as_certain_as_a_fiftieth_of_their_contrast_allows():
-    x = torch.arange(20, dtype=torch.float64)
-    templates = (torch.sin(0.1 * x) + torch.sin(0.1 * x)[:, None]).expand(1, 20, 20)
-    information, moved = chromatic.compare_colours(templates, templates)
-    assert float(moved.abs().max()) < 1e-6
-    light, down, right = (part[0] for part in chromatic.displacements.texture(templates).unbind(-1))
-    gradients = torch.stack([down, right], 1)
-    gradients = gradients - light[:, None] * (light @ gradients / (light @ light))
-    exact = gradients.T @ gradients / (0.02**2 * light.square().mean())
-    torch.testing.assert_close(information[0], chromatic.registration.limited(exact), rtol=1e-3, atol=1e-3)

@@ -1,14 +1,12 @@
 """Displacements: patches with texture are chosen and read, displaced waves measured, models fitted without outliers."""
 
-import math
-
 import pytest
 import torch
 
 from lfref import geometry
 from lfref.captures import displacements
 from lfref.captures.displacements import Patches
-from lfref.simulator.effects import displacement
+from lfref.simulator.effects import optics
 
 PLACES = torch.cartesian_prod(*[geometry.angular_offsets(5)] * 2)
 
@@ -25,26 +23,6 @@ def test_patches_lie_where_texture_is_and_inside_all_views():
     assert float(everywhere.rows.max()) <= 160 - 12 - 16
 
 
-@pytest.mark.parametrize(("n_channels", "low", "high"), [(1, 85, 125), (999, 20, 32)])
-def test_there_are_24_to_100_patches_as_the_amount_of_samples_allows(n_channels, low, high):
-    patches = displacements.choose_patches(torch.rand(400, 400), torch.zeros(400, 400), PLACES, n_channels)
-    assert low < len(patches.rows) < high
-
-
-@pytest.mark.parametrize(("power", "is_chosen"), [(1.8, False), (2.2, True)])
-def test_a_patch_of_disparities_that_scatter_by_a_twentieth_needs_twice_the_texture(power, is_chosen):
-    grey, disparity, pattern = torch.zeros(400, 400), torch.zeros(400, 400), torch.rand(16, 16)
-    grey[48:64, 16:32] = pattern
-    grey[48:64, 48:64] = math.sqrt(power) * pattern
-    disparity[:, 40:80] = 0.05 * (1 - 2.0 * (torch.arange(40) % 2))
-    patches = displacements.choose_patches(grey, disparity, PLACES, 999)
-    assert (48 in patches.columns.tolist()) == is_chosen
-
-
-def test_flat_pictures_have_no_patches():
-    assert len(displacements.choose_patches(torch.ones(128, 128), torch.zeros(128, 128), PLACES, 3).rows) == 0
-
-
 def test_patches_are_read_as_by_the_simulator():
     views = torch.rand(4, 2, 70, 80)
     patches = Patches(torch.tensor([20, 25]), torch.tensor([18, 40]), torch.zeros(2).double())
@@ -55,7 +33,7 @@ def test_patches_are_read_as_by_the_simulator():
     for k, i in ((0, 0), (1, 3)):
         rows = patches.rows[k] + moved[k, i, 0] + steps - (70 - 1) / 2
         columns = patches.columns[k] + moved[k, i, 1] + steps - (80 - 1) / 2
-        down, across = (displacement.matrix(*axis).float() for axis in ((rows, 70), (columns, 80)))
+        down, across = (optics.matrix(*axis).float() for axis in ((rows, 70), (columns, 80)))
         torch.testing.assert_close(samples[k, i], down @ views[i] @ across.mT, atol=2e-6, rtol=0)
 
 
@@ -79,15 +57,6 @@ def test_displacements_of_waves_are_measured_whatever_their_brightness_and_contr
     contrasts = torch.tensor([0.5, 1.0, 1.2, 0.9])[None, :, None, None, None]
     moved = measured(displacements.observe(0.1 + contrasts * samples, ALL))
     torch.testing.assert_close(moved - moved.mean(0), truth - truth.mean(0), atol=6e-3, rtol=0)
-
-
-@pytest.mark.parametrize(("contrast", "is_shown"), [(0.24, True), (0.16, False)])
-def test_views_with_a_fifth_of_the_contrast_count(contrast, is_shown):
-    contrasts = torch.ones(1, 40, 1, 1, 1)
-    contrasts[0, 7] = contrast
-    shown = displacements.observe(0.1 + contrasts * waves(0, 0), torch.ones(1, 40).double()).shown
-    assert bool(shown[0, 7]) == is_shown
-    assert int(shown.sum()) == 39 + is_shown
 
 
 X = torch.stack([torch.ones(60), torch.linspace(-1, 3, 60)], -1).double()[:, None]

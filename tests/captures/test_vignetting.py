@@ -5,20 +5,18 @@ import math
 
 import pytest
 import torch
-from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.captures import vignetting
 from lfref.captures.brightness import Ratios
 from lfref.captures.registration import positions_of
-from lfref.captures.vignetting import Rim, RimFit, VignettingDefect
-from lfref.errors import InputError
+from lfref.captures.vignetting import Rim, VignettingDefect
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
-from lfref.simulator.effects.vignetting import clipped_pupil, falloff
+from lfref.simulator.effects.optics import clipped_pupil, falloff
 from lfref.simulator.simulate import simulate
 
 from .scenes import ODD, clean, ratios, recorded, white
@@ -53,37 +51,7 @@ def test_depth_determines_the_falloff_that_all_views_share(defect):
 
 @pytest.mark.parametrize("name", [*ODD, "plane", "vignetting"])
 def test_a_field_without_vignetting_has_none(name):
-    assert vignetting.find(ratios(clean(name))).reason_to_skip() is not None
-
-
-def test_vignetting_of_black_views_is_unknown():
-    assert "unknown: too little" in vignetting.find(ratios(LightField(torch.zeros(3, 3, 3, 40, 60)))).reason_to_skip()
-
-
-@pytest.mark.parametrize(
-    ("gain", "error", "expected"),
-    [
-        (0.0045, 0.01, (0.065, 1.5)),
-        (0.0035, 0.01, (0.0, 0.0)),  # the clipped pupil explains the views no better
-        (0.0045, 0.012, (0.0, 1.5)),  # the falloff is below six standard errors
-    ],
-)
-def test_a_rim_counts_if_it_explains_the_views_and_falloff_if_it_is_certain(gain, error, expected):
-    defect = vignetting.certain_vignetting(RimFit(Rim(0.065, 1.5, 4.0), gain, error))
-    assert (defect.falloff, defect.displacement) == expected
-    assert (defect.reason_to_skip() is None) == bool(expected[1])
-
-
-@pytest.mark.parametrize(("least", "is_sure"), [(0.17, True), (0.13, False)])
-def test_falloff_counts_if_three_quarters_of_the_picture_show_half_of_it(least, is_sure):
-    defect = vignetting.certain_vignetting(RimFit(Rim(0.3, 1.5, 4.0), 1.0, 0.01, least))
-    assert defect.falloff == (0.3 if is_sure else 0.0)
-
-
-@pytest.mark.parametrize(("disagreement", "falloff"), [(0.045, 0.3), (0.055, 0.245), (0.4, 0.0)])
-def test_falloff_on_which_quarters_disagree_counts_less(disagreement, falloff):
-    defect = vignetting.certain_vignetting(RimFit(Rim(0.3, 1.5, 4.0), 1.0, 0.01, 0.2, disagreement))
-    assert defect.falloff == pytest.approx(falloff)
+    assert vignetting.find(ratios(clean(name))).reason_to_skip
 
 
 @pytest.mark.parametrize("name", ["gloss", "window"])
@@ -93,7 +61,7 @@ def test_falloff_of_a_lens_behind_gloss_is_not_corrected_too_far(name):
         whole = falloff(field.views, tangent) * clipped_pupil(field.views, eye)
         shaded = dataclasses.replace(field, views=field.views * whole)
         defect = vignetting.find(ratios(shaded))
-        assert defect.reason_to_skip() is None
+        assert not defect.reason_to_skip
         after = ((defect.corrected(shaded).views - field.views) * (whole > 0.1)).square().mean()
         assert float(after) < float((shaded.views - field.views).square().mean())
 
@@ -128,36 +96,6 @@ def test_a_rim_is_fitted(rim):
     assert 0.001 < fit.falloff_error < 0.1
 
 
-@pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_a_rim_is_refined_along_its_valley(noise):
-    # From the start that fits best, displacement and radius must grow together.
-    fit = vignetting.fit_rim(ratios_of(Rim(0.36, 0.5 * RADIUS, RADIUS), noise, 0.1 * torch.rand(216) - 0.05), 2 * noise)
-    assert fit.rim.displacement == pytest.approx(0.5 * RADIUS, rel=0.1)
-    assert fit.rim.radius == pytest.approx(RADIUS, rel=0.03)
-
-
-@pytest.mark.parametrize(("light", "is_wrong"), [(0.08, False), (0.12, True)])
-def test_a_rim_that_leaves_no_light_where_a_view_has_a_tenth_is_wrong(light, is_wrong):
-    dark, even = Rim(0.0, 2.0, 2.0), ratios_of(Rim(), 0.0, torch.zeros(216))
-    shown = even._replace(log=torch.full_like(even.log, light).log())
-    assert vignetting.gives_up_light(dark, shown) == is_wrong
-    assert not vignetting.gives_up_light(Rim(0.0, 0.5, RADIUS), shown)
-
-
-def test_falloff_is_certain_in_a_scene_with_depth_only():
-    rim = Rim(0.3, 1.5, RADIUS)
-    flat = vignetting.fit_rim(ratios_of(rim, 0.01, torch.zeros(216)), 0.01)
-    deep = vignetting.fit_rim(ratios_of(rim, 0.01, 0.04 * torch.rand(216)), 0.01)
-    assert deep.falloff_error < 0.1 * flat.falloff_error or flat.falloff_error < 1e-6
-    assert abs(deep.rim.falloff - 0.3) < 0.05
-
-
-def test_views_that_differ_by_noise_and_exposure_have_no_rim():
-    even = ratios_of(Rim(), 0.02, torch.zeros(216))
-    even = even._replace(log=even.log + 0.3 * torch.rand(7, 7, 1, 1))
-    assert vignetting.fit_rim(even, 0.02).rim.displacement == 0
-
-
 def test_a_white_picture_gives_every_gain():
     field = recorded("vignetting")
     by_white = vignetting.find_by_white(white("vignetting"))
@@ -166,19 +104,11 @@ def test_a_white_picture_gives_every_gain():
     assert "white picture, down to" in by_white.summary()
 
 
-@pytest.mark.parametrize(
-    ("gain", "error", "is_corrected"),
-    [(0.988, 0.0, True), (0.992, 0.0, False), (0.93, 0.01, True), (0.95, 0.01, False)],
-)
-def test_a_white_picture_counts_if_it_lacks_a_hundredth_of_the_light_with_certainty(gain, error, is_corrected):
-    by_white = VignettingDefect(white=torch.full((2, 2, 1, 32, 32), gain), error=error)
-    assert (by_white.reason_to_skip() is None) == is_corrected
-
-
-def test_a_noisy_white_picture_of_an_even_lens_changes_nothing():
-    assert "even" in str(vignetting.find_by_white(white("grainy")).reason_to_skip())
-    even = LightField(0.8 + 0.002 * torch.randn(3, 3, 3, 40, 60))
-    assert "even" in str(vignetting.find_by_white(even).reason_to_skip())
+@pytest.mark.parametrize(("gain", "is_corrected"), [(0.988, True), (0.992, False)])
+def test_a_white_picture_counts_if_it_lacks_a_hundredth_of_the_light(gain, is_corrected):
+    views = torch.full((3, 3, 1, 60, 80), 0.8)
+    views[..., :16] *= gain
+    assert (not vignetting.find_by_white(LightField(views)).reason_to_skip) == is_corrected
 
 
 def test_dark_samples_weigh_less_and_black_ones_nothing():
@@ -216,14 +146,6 @@ def shaded():
     return views
 
 
-def test_gains_are_the_white_picture_over_its_middle_whatever_its_colour():
-    gains, error = vignetting.white_gain(shaded())
-    assert error < 1e-3
-    torch.testing.assert_close(gains[:, :, 2], gains[:, :, 0])
-    assert float(gains[1, 1, 0, 30, 30]) == pytest.approx(1, abs=0.01)
-    assert float(gains[0, 2, 1, 0, 30]) == pytest.approx(0.6, abs=0.01)
-
-
 def test_noise_is_smoothed_away_and_dust_stays():
     field = shaded()
     noisy = field + 0.01 * torch.randn(field.shape)
@@ -235,22 +157,3 @@ def test_noise_is_smoothed_away_and_dust_stays():
     field[0, 0, :, 20, 20] *= 0.5
     dusty = float(vignetting.white_gain(field)[0][0, 0, 0, 20, 20])
     assert dusty == pytest.approx(0.5 * float(exact[0, 0, 0, 20, 20]), rel=0.02)
-
-
-@pytest.mark.parametrize(("noise", "width"), [(0.0019, 0.0), (0.0021, 0.5), (0.0709, 10.0), (1.0, 10.0)])
-def test_the_smoothing_leaves_half_a_level_of_noise_and_is_ten_pixels_at_most(noise, width):
-    assert vignetting.smoothing_width(noise) == pytest.approx(width, rel=0.01)
-
-
-def test_the_noise_of_a_smooth_picture_is_measured():
-    assert vignetting.noise_of(shaded()[1, 1] + 0.02 * torch.randn(3, 60, 60)) == pytest.approx(0.02, rel=0.25)
-    assert vignetting.noise_of(shaded()[1, 1]) < 1e-3
-    shared = F.avg_pool2d(torch.randn(3, 242, 242), 3, 1)
-    assert vignetting.noise_of(0.7 + 0.03 * shared) == pytest.approx(0.03, rel=0.25)
-    assert vignetting.noise_of(torch.ones(3, 2, 2)) == 0
-
-
-@pytest.mark.parametrize("views", [torch.zeros(3, 3, 3, 16, 16), torch.full((3, 3, 3, 16, 16), torch.nan)])
-def test_a_black_white_picture_is_refused(views):
-    with pytest.raises(InputError, match="white"):
-        vignetting.white_gain(views)

@@ -108,7 +108,7 @@ def test_every_pass_is_explained_if_asked_for(lfref, tmp_path):
 def test_views_with_a_tone_curve_are_read_back_as_light(lfref, tmp_path, curve, suffix):
     tone = (
         "+scene.sensor={_target_:lfref.simulator.effects.sensor.Sensor,tone_curve:"
-        f"{{_target_:lfref.simulator.effects.response.ToneCurve,curve:{curve}}}}}"
+        f"{{_target_:lfref.simulator.effects.recording.ToneCurve,curve:{curve}}}}}"
     )
     words = ("simulate", "scene=evening", "outputs=[views]", "suffix=.exr", *SMALL)
     assert lfref(*words, f"output={tmp_path}/plain")[0] == 0

@@ -25,7 +25,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
-from lfref.simulator.effects import displacement
+from lfref.simulator.effects import optics
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes, RandomSensor
@@ -55,7 +55,7 @@ def corrected(folder):
     """A capture with shifted, shaded, hot and black views after its corrections, in blocks of 16 pixels."""
     views = simulate(dataclasses.replace(sim30.SCENES["shards"], sensor=Sensor()), outputs=("views",)).views
     random = torch.Generator().manual_seed(1)
-    views = displacement.shift(views, 0.3 * torch.randn(7, 7, 2, dtype=torch.float64, generator=random))
+    views = optics.shift(views, 0.3 * torch.randn(7, 7, 2, dtype=torch.float64, generator=random))
     views[1, 5] *= 1.1
     views[0, 0] *= 0.01
     views[2, 3, 1, 40:60:7, 50:90:9] = 1.0

@@ -15,7 +15,7 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_throu
 from lfref.refocuser.features import CANDIDATES, FEATURES, candidate, check_names, compressed, coverage, refiner_inputs
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
-from lfref.simulator.effects.noise import noisy
+from lfref.simulator.effects.recording import noisy
 from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Plane

@@ -26,7 +26,7 @@ from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
-from lfref.simulator.effects.noise import noisy
+from lfref.simulator.effects.recording import noisy
 
 PLANES = FocalPlanes((-1.0, 0.5), "ng")
 

@@ -25,9 +25,9 @@ from lfref.refocuser.refocuser import (
     name_apart,
 )
 from lfref.simulator import sim30
-from lfref.simulator.effects import vignetting
+from lfref.simulator.effects import optics
+from lfref.simulator.effects.optics import Vignetting
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import shifted_views, texture
 
@@ -357,7 +357,7 @@ def test_no_view_of_any_weight_is_black():
 def test_vignetted_views_over_their_gain_are_near_the_truth(name, psnr):
     scene = dataclasses.replace(sim30.SCENES["vignetting"], sensor=Sensor(vignetting=Vignetting(0.6, 0.5)))
     made = simulate(scene, slopes=[-1.5, -0.3, 0.4])
-    gain = vignetting.falloff(made.views, 0.6) * vignetting.clipped_pupil(made.views, 0.5)
+    gain = optics.falloff(made.views, 0.6) * optics.clipped_pupil(made.views, 0.5)
     weight = torch.where(gain > 0.05, gain, 0.0)
     mended = LightField(torch.where(weight > 0, made.views / gain.clamp(min=0.05), 0.0), weight=weight)
     stack = OperatorRefocuser(name, EVERY[name])(mended, made.slopes)

@@ -6,13 +6,18 @@ from hypothesis import strategies as st
 from lfref.encoding import CURVES
 from lfref.simulator import painting
 from lfref.simulator import views as render
-from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import PATTERNS, Mosaic
-from lfref.simulator.effects.noise import Noise as SensorNoise
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
+from lfref.simulator.effects.recording import (
+    PATTERNS,
+    Clipping,
+    Exposure,
+    Mosaic,
+    Quantisation,
+    ToneCurve,
+    WhiteBalance,
+)
+from lfref.simulator.effects.recording import Noise as SensorNoise
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
 from lfref.simulator.scene import Camera, Light, Scene, Surface

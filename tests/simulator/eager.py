@@ -9,14 +9,17 @@ from torch import Tensor
 from lfref.simulator import bitmaps
 from lfref.simulator.bitmaps import FINE, OVERSAMPLING, TAPS, Bitmap
 from lfref.simulator.focal_planes import FocalPlane
-from lfref.simulator.layers import Layer, Positions
+from lfref.simulator.layers import Highlight, Layer
 from lfref.simulator.surfaces import Geometry, Plane
 from lfref.simulator.truth import _copy_corner
 
+Positions = tuple[Tensor, Tensor]
+"""X and Y in pixels, float64; if they form a grid, X has one row and Y one column."""
 
-def as_rays(p: Tensor, q: Tensor, x: Tensor, y: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Aperture points [M] as [M, 1, 1], and pixels of three axes, float64, on a device."""
-    p, q, x, y = (value.to(device, torch.float64) for value in (p, q, x, y))
+
+def as_rays(p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Aperture points [M] as [M, 1, 1], and pixels of three axes, float64."""
+    p, q, x, y = (value.double() for value in (p, q, x, y))
     return p[:, None, None], q[:, None, None], x[(None,) * (3 - x.dim())], y[(None,) * (3 - y.dim())]
 
 
@@ -33,24 +36,27 @@ def ray_positions(geometry: Geometry, x: Tensor, y: Tensor, p: Tensor, q: Tensor
 
 
 def rgba_at(layer: Layer, p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """The layer at pixels from aperture points, premultiplied RGBA, float32, [M, 4, H, W].
-
-    Args:
-        p: Columns of the aperture points, in view steps from the centre, [M].
-        q: Rows of the aperture points, [M].
-        x: Columns of pixels from the picture's centre, of a shape that broadcasts with [M, H, W].
-        y: Rows of pixels, of a shape that broadcasts with [M, H, W].
-    """
-    p, q, x, y = as_rays(p, q, x, y, layer.device)
+    """The layer at pixels (x, y), which broadcast with [M, H, W], from aperture points (p, q) [M], [M, 4, H, W]."""
+    p, q, x, y = as_rays(p, q, x, y)
     positions = ray_positions(layer.surface.geometry, x, y, p, q)
     rgba = bitmaps.clip_premultiplied(read_cubic(layer.bitmap, positions))
     if layer.highlight:
-        rgba[:, :3] += rgba[:, 3:] * layer.highlight.light_at(positions, p, q).to(rgba)
+        rgba[:, :3] += rgba[:, 3:] * light_at(layer.highlight, positions, p, q).to(rgba)
     if layer.reflection:
         mirrored_at = ray_positions(Plane(layer.reflection.disparity), x, y, p, q)
         mirrored = read_cubic(layer.reflection.picture, mirrored_at)[:, :3].clamp(min=0)
         rgba[:, :3] += layer.reflection.share * rgba[:, 3:] * mirrored
     return rgba
+
+
+def light_at(lobe: Highlight, positions: Positions, p: Tensor, q: Tensor, spread: float | Tensor = 0.0) -> Tensor:
+    """Light of a highlight at points of its surface, blurred by a box `spread` pixels wide, float64, [M, 3, H, W]."""
+    offset_x = positions[0] - lobe.x - lobe.drift * p
+    offset_y = positions[1] - lobe.y - lobe.drift * q
+    # A box of width b has the variance b^2 / 12, and a wider lobe is lower.
+    variance = lobe.width**2 + spread**2 / 12
+    light = torch.exp(-(offset_x**2 + offset_y**2) / (2 * variance)) * lobe.width**2 / variance
+    return light[:, None] * light.new_tensor(lobe[:3])[:, None, None]
 
 
 def read_cubic(bitmap: Bitmap, positions: Positions) -> Tensor:
@@ -90,13 +96,13 @@ def linear_at(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
 
 
 def radiance(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Light that reaches pixels through aperture points, by PyTorch on any device.
+    """Light that reaches pixels through aperture points.
 
     Arguments as for `Layer.rgba_at`, result [M, 3, H, W], float32.
     """
     rgba = [rgba_at(layer, p, q, x, y) for layer in layers]
     if any(layer.is_sorted for layer in layers):
-        disparities = ray_disparities(layers, *as_rays(p, q, x, y, layers[0].device))
+        disparities = ray_disparities(layers, *as_rays(p, q, x, y))
         order = disparities.argsort(dim=0, stable=True)[:, :, None].expand(-1, -1, 4, -1, -1)
         rgba = list(torch.stack(rgba).gather(0, order))
     return composite(rgba)
@@ -117,17 +123,16 @@ def ray_disparities(layers: Sequence[Layer], p: Tensor, q: Tensor, x: Tensor, y:
 
 
 def render_eagerly(plane: FocalPlane) -> Tensor:
-    """The picture of a plane by PyTorch's operations, on any device, [3, H, W]."""
+    """The picture of a plane by PyTorch's operations, [3, H, W]."""
     cells, layers = plane.cells, plane.layers
-    device = layers[0].device
-    picture = torch.zeros(3, *plane.camera.size, dtype=torch.float64, device=device)
+    picture = torch.zeros(3, *plane.camera.size, dtype=torch.float64)
     windows = [_eager_windows(plane, layer) for layer in layers]
-    x, y = (pixels.to(device) for pixels in plane.camera.pixels())
+    x, y = plane.camera.pixels()
     q, p = (points.flatten() for points in torch.meshgrid(cells.q, cells.p, indexing="ij"))
     weights = cells.weights.flatten()
     # 16 cells at once: more take memory and no less time.
     for part in torch.stack([p, q, weights])[:, weights > 0].split(16, dim=1):
-        p, q, shares = (values.to(device)[:, None, None] for values in part)
+        p, q, shares = (values[:, None, None] for values in part)
         ray = p, q, x + plane.slope * p, y + plane.slope * q
         disparities = ray_disparities(layers, *ray)
         rgba = [_layer_rgba(plane, *of_layer, *ray) for of_layer in zip(layers, windows, disparities, strict=True)]
@@ -165,7 +170,7 @@ def _layer_rgba(
     rgba = windows[0].at(*positions)
     if layer.highlight:
         spread = (e - layer.highlight.drift) * plane.cell_width
-        rgba[:, :3] += rgba[:, 3:] * layer.highlight.light_at(positions, p, q, spread).to(rgba)
+        rgba[:, :3] += rgba[:, 3:] * light_at(layer.highlight, positions, p, q, spread).to(rgba)
     if layer.reflection:
         disparity = layer.reflection.disparity
         mirrored = windows[1].at(x - disparity * p, y - disparity * q)
@@ -177,7 +182,7 @@ def _mixed_window(plane: FocalPlane, layer: Layer) -> EagerWindow:
     """The window of a slanted or curved layer: between the two blurred copies that suit each point."""
     blur = plane.copy_blur(layer)
     top, left, bottom, right = plane.read_box(layer, blur.copies())
-    rows, columns = (torch.arange(*ends, device=layer.device) for ends in ((top, bottom), (left, right)))
+    rows, columns = (torch.arange(*ends) for ends in ((top, bottom), (left, right)))
     disparity = layer.surface.geometry.disparity_at(columns.double() / FINE, rows.double()[:, None] / FINE)
     levels = torch.from_numpy(blur.levels).to(disparity)
     step = (plane.slope - disparity).abs().clamp(min=blur.nearest) * blur.steps
@@ -199,7 +204,7 @@ def _blurred_window(plane: FocalPlane, bitmap: Bitmap, disparity: float) -> Eage
     samples, cell = plane.window(bitmap), plane.filter(disparity)
     for axis, taps in ((-2, cell.down.tolist()), (-1, cell.across.tolist())):
         length, half = samples.shape[axis], len(taps) // 2
-        index = torch.arange(-half, length + half, device=samples.device).clamp(0, length - 1)
+        index = torch.arange(-half, length + half).clamp(0, length - 1)
         padded = samples.index_select(axis, index)
         samples = sum((tap * padded.narrow(axis, t, length) for t, tap in enumerate(taps)), torch.zeros_like(samples))
     return EagerWindow(samples, *plane.window_corner())

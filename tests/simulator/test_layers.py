@@ -1,18 +1,10 @@
 """Layers: highlights, extents against random rays, which surfaces cross, and which hide others."""
 
-import math
-
-import pytest
 import torch
 from hypothesis import given, settings
 
 from lfref.simulator import layers
-from lfref.simulator.layers import Highlight
-from lfref.simulator.materials import Glossy, Mirror
-from lfref.simulator.mattes import Disc
-from lfref.simulator.scene import Camera, Surface
-from lfref.simulator.surfaces import Dome, Plane
-from lfref.simulator.textures import Flat
+from lfref.simulator.scene import Camera
 from tests.simulator import drawing
 
 CAMERA = Camera((5, 7), (40, 48))
@@ -48,56 +40,3 @@ def test_surfaces_that_do_not_cross_keep_their_order_along_every_ray(one, other)
         ahead = layers.is_before(other, one, CAMERA, 2.0)
         assert ahead or layers.is_before(one, other, CAMERA, 2.0)
         assert bool((leads >= -1e-7).all() if ahead else (leads <= 1e-7).all())
-
-
-@pytest.mark.parametrize(
-    ("one", "other", "crosses"),
-    [
-        (Plane(0.0), Plane(0.5), False),
-        (Plane(0.0), Plane(0.0), False),
-        (Plane(0.0), Plane(1.0, (0.01, 0.0)), False),
-        (Plane(0.0), Plane(0.1, (0.01, 0.0)), True),
-        (Plane(0.0, (0.02, 0.01)), Plane(0.1, (0.02, 0.01)), False),
-        (Dome(0.0, 0.5, 30.0), Plane(0.5), False),
-        (Dome(0.0, 0.5, 30.0), Plane(0.0), False),
-        (Dome(0.0, 0.5, 30.0), Plane(0.3), True),
-        (Dome(0.0, -0.5, 30.0), Plane(-0.3), True),
-    ],
-)
-def test_only_surfaces_that_change_places_cross(one, other, crosses):
-    assert bool(layers.crossing_pairs([one, other], CAMERA, 0.0)) is crosses
-    # Planes that nothing crosses, farther and nearer, do not change the pair's indices.
-    pairs = layers.crossing_pairs([Plane(-9.0), other, one, Plane(9.0)], CAMERA, 0.0)
-    assert pairs == ([(1, 2)] if crosses else [])
-
-
-POINT = torch.zeros(1, 1, 1, dtype=torch.float64)
-
-
-def test_a_highlight_that_is_spread_keeps_its_light():
-    lobe = Highlight(0.8, 0.4, 0.0, 2.0, 1.0, 3.0, -1.0)
-    x = torch.arange(-30, 31, dtype=torch.float64)
-    for way in (0.0, 5.0):
-        light = lobe.light_at((x[None, None], x[None, :, None]), POINT + 1, POINT - 2, way)
-        expected = torch.tensor([0.8, 0.4, 0.0], dtype=torch.float64) * math.tau * 4
-        torch.testing.assert_close(light.sum((0, 2, 3)), expected, atol=1e-6, rtol=0)
-        # Its top is at centre + drift (p, q).
-        assert divmod(int(light[0, 0].argmax()), 61) == (30 - 3, 30 + 4)
-
-
-@pytest.mark.parametrize(
-    ("surface", "is_backdrop", "only_shifts"),
-    [
-        (Surface(Plane(0.0), Flat()), True, True),
-        (Surface(Plane(0.0, (0.01, 0.0)), Flat()), True, False),
-        (Surface(Dome(0.0, 0.1, 9.0), Flat()), True, False),
-        (Surface(Plane(0.0), Flat(), Disc(9.0)), False, True),
-        (Surface(Plane(0.0), Flat(), opacity=0.9), False, True),
-        (Surface(Plane(0.0), Flat(), material=Mirror(1.0), opacity=0.0), True, False),
-        (Surface(Plane(0.0), Flat(), material=Glossy(0.0)), True, True),
-        (Surface(Plane(0.0), Flat(), material=Glossy(0.1)), True, False),
-    ],
-)
-def test_what_a_surface_hides_and_how_it_looks_from_elsewhere(surface, is_backdrop, only_shifts):
-    assert layers.is_backdrop(surface) is is_backdrop
-    assert layers.only_shifts(surface) is only_shifts

@@ -50,24 +50,6 @@ def test_truth_is_what_a_square_lens_records(scene):
     assert psnr(truth[2], world(scene).through_square(SLOPES[2])) > AT_LEAST
 
 
-@pytest.mark.parametrize("view", [(3, 3), (0, 6)])
-def test_a_matte_surface_reflects_an_even_light(view):
-    v, u = view
-    scene = path_tracer.matte()
-    views = lfref.simulate(scene, outputs=("views",), slopes=[0.0]).views
-    assert psnr(views[v, u], MitsubaScene(scene).view(u - 3, v - 3, samples=256)) > 55
-
-
-def test_each_surface_of_the_cards_is_in_focus_in_one_truth():
-    assert sorted(surface.geometry.disparity for surface in path_tracer.cards().surfaces) == [*SLOPES]
-
-
-def test_noise_of_path_tracing_hides_nothing():
-    first, second = (world(path_tracer.cards).through_disc(SLOPES[0], seed=seed) for seed in (1, 2))
-    # Two noisy pictures differ by 3 dB more than each from what it should be.
-    assert psnr(first, second) + 3 > AT_LEAST + 3
-
-
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
 def test_a_fiftieth_of_a_pixel_would_be_seen(scene):
     beside = world(scene).view(-3 + 0.02, -3, samples=256)

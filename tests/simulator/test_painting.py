@@ -1,17 +1,14 @@
 """Painted surfaces: the right point, the right light, the same in any reach; and which changes run."""
 
-from dataclasses import replace
-
 import pytest
 import torch
-from hypothesis import given, settings
 
-from lfref.simulator import painting, planner
+from lfref.simulator import painting
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
-from lfref.simulator.mattes import Disc, Full
+from lfref.simulator.mattes import Disc
 from lfref.simulator.scene import Camera, Light, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
-from lfref.simulator.textures import Flat, Gradient, Noise
+from lfref.simulator.textures import Flat, Gradient
 from tests.simulator import drawing, eager
 
 CAMERA = Camera((5, 5), (40, 48))
@@ -80,13 +77,6 @@ def test_motion_smears_along_its_way():
         assert spread[1] - spread[0] == pytest.approx(more, abs=0.06)
 
 
-def test_a_canvas_reaches_a_pixel_further_than_motion_smears():
-    canvas = painted(Surface(Plane(0.0), GREY, Disc(6.0), motion=(8.0, 0.0))).bitmap.canvas
-    still = painted(Surface(Plane(0.0), GREY, Disc(6.0))).bitmap.canvas
-    assert (canvas.x[0] - still.x[0], canvas.x[-1] - still.x[-1]) == (-5, 5)
-    assert torch.equal(canvas.y, still.y)
-
-
 SEVERAL = (
     Surface(Plane(1.0), GREY, Disc(9.0)),
     Surface(Plane(-1.0), GREY, opacity=0.5),
@@ -112,72 +102,3 @@ def test_what_a_nearer_surface_hides_all_over_is_not_painted():
     assert [painting.layers.is_backdrop(layer.surface) for layer in layers] == [True, False]
     half = Scene(CAMERA, (*SEVERAL, Surface(Plane(0.6), GREY, opacity=0.5)))
     assert len(painting.paint(half)) == 5
-
-
-def test_what_does_not_apply_is_skipped_with_its_reason():
-    rows = {row.name: row for row in planner.plan(painting.passes(Scene(CAMERA, SEVERAL[:1])), ["layers"]).explain()}
-    assert {name for name, row in rows.items() if row.state == "run"} == {"line up", "paint", "outline"}
-    assert rows["gloss"].why == "no surface is glossy"
-
-
-def test_textures_come_from_the_scenes_seed_and_the_place_in_its_list():
-    surface = Surface(Plane(0.0), Noise())
-    assert torch.equal(rgba_of(surface, seed=1), rgba_of(surface, seed=1))
-    assert not torch.equal(rgba_of(surface, seed=1), rgba_of(surface, seed=2))
-    far, near = painting.paint(Scene(CAMERA, (surface, replace(surface, opacity=0.5))))
-    assert not torch.equal(far.bitmap.samples, near.bitmap.samples)
-
-
-@pytest.mark.parametrize("matte", [Full(), Disc(12.0)])
-@pytest.mark.parametrize("material", [Matte(), Mirror(0.5, Noise(), 1.0)])
-def test_a_larger_reach_shows_the_same(matte, material):
-    surface = Surface(Plane(0.6), Noise(), matte, material)
-    torch.testing.assert_close(rgba_of(surface, 2.0), rgba_of(surface, 2.0, reach=7.0), atol=1e-6, rtol=0)
-
-
-@pytest.mark.parametrize("geometry", [Plane(1.3), Plane(0.2, (0.03, -0.02)), Dome(0.2, 0.8, 25.0)])
-def test_a_canvas_reaches_as_far_as_any_ray(geometry):
-    """Pixels of a picture refocused at slopes up to 4, from the aperture's corner."""
-    canvas = painted(Surface(geometry, GREY), reach=4.0).bitmap.canvas
-    x, y = CAMERA.pixels()
-    for slope in (-4.0, 4.0):
-        for p in (-2.5, 2.5):
-            at_x, at_y = drawing.intersect(geometry, x + slope * p, y + slope * p, torch.tensor(p), torch.tensor(p))
-            for at, axis in ((at_x, canvas.x), (at_y, canvas.y)):
-                assert float(axis[0]) + 1 <= float(at.min())
-                assert float(at.max()) <= float(axis[-1]) - 1
-
-
-@settings(deadline=None, max_examples=40)
-@given(drawing.GEOMETRIES, drawing.MATTES, drawing.LEVELS)
-def test_constants_stay_constant(geometry, matte, level):
-    rgba = rgba_of(Surface(geometry, Flat(level), matte), 1.5, 0.5)
-    torch.testing.assert_close(rgba[:3], torch.tensor(level)[:, None, None] * rgba[3], atol=2e-6, rtol=0)
-
-
-FOUR = (
-    Surface(Plane(1.0), Flat(), Disc(5.0)),
-    Surface(Plane(0.0), Flat()),
-    Surface(Plane(-1.0), Flat()),
-    Surface(Plane(0.9, (0.02, 0.0)), Flat(), Disc(5.0)),
-)
-
-
-def scene_of(surfaces=FOUR):
-    return Scene(Camera((5, 5), (20, 30)), surfaces)
-
-
-def test_indices_go_from_far_to_near_without_hidden_surfaces():
-    assert painting.far_to_near(scene_of()) == [2, 1, 3, 0]
-    assert painting.visible_surfaces(scene_of(), 0.0) == [1, 3, 0]
-
-
-def test_hidden_surfaces_cross_nothing():
-    assert painting.crossing_surfaces(scene_of(), 0.0) == {0, 3}
-    hidden = Surface(Plane(-1.0, (0.02, 0.0)), Flat())
-    assert painting.crossing_surfaces(scene_of((*FOUR[:3], hidden)), 0.0) == set()
-
-
-def test_surfaces_may_cross_only_where_refocused_pictures_look():
-    surfaces = (Surface(Plane(0.0), Flat()), Surface(Plane(0.6, (0.02, 0.0)), Flat()))
-    assert [bool(painting.crossing_surfaces(scene_of(surfaces), reach)) for reach in (0.0, 7.0)] == [False, True]

@@ -5,12 +5,10 @@ import hashlib
 
 import pytest
 
-from lfref.errors import InputError
-from lfref.geometry import checked_slopes, planes_at_alphas
 from lfref.simulator import sim30
-from lfref.simulator.effects.sensor import EFFECTS, Sensor
+from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Camera
-from lfref.simulator.simulate import PAPER, simulate
+from lfref.simulator.simulate import simulate
 from tests.data import test_versions
 
 DEVIATIONS = [
@@ -36,42 +34,3 @@ def test_there_are_thirty_of_different_names():
     assert all(scene.name == name for name, scene in sim30.SCENES.items())
     # Without their sensors too: a mean over ideal scenes counts none twice.
     assert len({dataclasses.replace(scene, name="", sensor=Sensor()) for scene in sim30.SCENES.values()}) == 30
-
-
-def test_every_effect_is_there_and_most_of_them_without_others():
-    sensors = [scene.sensor for scene in sim30.SCENES.values()]
-    shown = [{type(effect) for effect in vars(sensor).values() if effect} for sensor in sensors]
-    assert len(set.union(*shown)) == 11
-    assert set.union(*shown) <= set(EFFECTS.values())
-    assert sum(len(effects) == 1 for effects in shown) >= 4
-    assert sum(not effects for effects in shown) >= 15
-
-
-def test_the_papers_planes_fit_in_either_convention():
-    camera = sim30.CAMERA
-    for planes in (PAPER, planes_at_alphas(PAPER.alphas, "parallel")):
-        slopes = checked_slopes(planes.slopes, camera.grid, camera.size)
-        for scene in sim30.SCENES.values():
-            far = min(surface.geometry.disparity_range((1, 1))[0] for surface in scene.surfaces)
-            assert far >= min(-3.0, float(slopes.min()))
-
-
-def test_a_scene_that_does_not_exist_is_refused_by_naming_those_that_do():
-    with pytest.raises(InputError, match="sim30 scene must be one of plane, stripes"):
-        sim30.scenes("nowhere")
-
-
-def test_another_camera_looks_at_the_same_scene():
-    camera = Camera((3, 3), (20, 30))
-    (scene,) = sim30.scenes("twigs", camera).scenes
-    assert scene == dataclasses.replace(sim30.SCENES["twigs"], camera=camera)
-
-
-def test_version_2_has_the_same_scenes_with_detail_that_aliases():
-    first, second = sim30.scenes().scenes, sim30.scenes(version=2).scenes
-    assert {scene.camera.samples for scene in first} == {1}
-    assert {scene.camera.samples for scene in second} == {2}
-    same = [dataclasses.replace(scene, camera=one.camera) for one, scene in zip(first, second, strict=True)]
-    assert same == [*first]
-    with pytest.raises(InputError, match="version of sim30 must be one of 1, 2"):
-        sim30.scenes(version=3)

@@ -5,7 +5,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfref.errors import InputError
 from lfref.simulator.surfaces import Dome, Plane
 from tests.simulator import drawing
 
@@ -51,26 +50,3 @@ def test_disparities_stay_in_their_range_and_below_their_steepness(geometry):
     across, down = (disparity.diff(dim=dim).abs().max() / 3 for dim in (1, 0))
     assert float(across) <= geometry.steepness()[0] + 1e-9
     assert float(down) <= geometry.steepness()[1] + 1e-9
-
-
-def test_the_range_of_a_plane_is_that_of_its_corners():
-    assert Plane(1.0, (0.1, 0.01)).disparity_range((11, 21)) == pytest.approx((-0.05, 2.05))
-    assert Dome(1.0, -0.5, 5.0).disparity_range((11, 21)) == (0.5, 1.0)
-
-
-def test_a_dome_is_highest_at_its_centre_and_flat_beyond_its_radius():
-    dome = Dome(-1.0, 1.5, 20.0, (5.0, 3.0))
-    x, y = torch.tensor([5.0, 25.0, 5.0, 40.0]), torch.tensor([3.0, 3.0, 30.0, 3.0])
-    torch.testing.assert_close(dome.disparity_at(x, y), torch.tensor([0.5, -1.0, -1.0, -1.0]))
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: Plane(float("nan")), lambda: Plane(0.0, (1.0,)), lambda: Dome(0.0, float("inf"), 1.0),
-        lambda: Dome(0.0, 1.0, 0.0),
-    ],
-)  # fmt: skip
-def test_surfaces_that_are_none_are_refused(make):
-    with pytest.raises(InputError):
-        make()

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.errors import FileError, InputError
 from lfref.io import images
 from lfref.simulator import textures
 from lfref.simulator.bitmaps import Canvas
@@ -56,29 +55,6 @@ def test_the_key_fixes_the_colours_and_a_larger_canvas_shows_the_same(texture):
     torch.testing.assert_close(larger[:, 8:-8, 10:-10], colours, atol=1e-6, rtol=0)
 
 
-def test_flat_is_its_colour_and_waves_have_the_mean_of_theirs():
-    torch.testing.assert_close(Flat((0.1, 0.5, 1.0)).paint(CANVAS).mean((1, 2)), torch.tensor([0.1, 0.5, 1.0]))
-    torch.testing.assert_close(Flat().paint(CANVAS).mean((1, 2)), torch.tensor([0.5, 0.5, 0.5]))
-    for texture in (Checker(8.0), Stripes(8.0), Gradient(32.0)):
-        torch.testing.assert_close(
-            texture.paint(CANVAS).mean(2)[:, :16].mean(1), torch.full((3,), 0.5), atol=0.01, rtol=0
-        )
-
-
-def test_waves_repeat_after_their_period_and_along_their_direction():
-    stripes = Stripes(8.0, angle=0.0).paint(CANVAS)
-    torch.testing.assert_close(stripes[..., 16:], stripes[..., :-16], atol=1e-5, rtol=0)
-    assert bool((stripes == stripes[:, :1]).all())
-    checker = Checker(8.0).paint(CANVAS)
-    torch.testing.assert_close(checker[..., 8:], 1 - checker[..., :-8], atol=1e-5, rtol=0)
-
-
-def test_waves_finer_than_pixels_are_their_mean():
-    assert float(Stripes(1.5).paint(CANVAS).std()) < 1e-6
-    assert float(Gradient(1.99).paint(CANVAS).std()) < 1e-6
-    assert float(Gradient(2.01).paint(CANVAS).std()) > 0.1
-
-
 def test_the_amplitude_of_noise_falls_as_the_power_of_the_frequency():
     random = np.random.default_rng(0)
     for exponent in (1.0, 2.0):
@@ -106,27 +82,3 @@ def test_a_picture_lies_in_the_middle_pixel_on_pixel(tmp_path):
     # Pixel (0, 0) of a picture of 40 x 48 is 19.5 and 23.5 px from the centre.
     painted = Picture(str(tmp_path / "image.exr"), 48.0).paint(Canvas(-47, -39, 96, 80, (40, 48)))
     torch.testing.assert_close(painted[:, ::2, ::2][:, 2:-2, 2:-2], image[:, 2:-2, 2:-2], atol=6e-3, rtol=0)
-
-
-def test_a_grey_picture_has_equal_channels_and_is_mirrored_beyond_its_edges(tmp_path):
-    images.write_image(tmp_path / "grey.png", torch.linspace(0, 1, 32).expand(16, 32)[..., None].numpy(), bits=16)
-    painted = Picture(str(tmp_path / "grey.png"), 32.0).paint(Canvas(-95, 0, 192, 4, (4, 4)))
-    assert torch.equal(painted[0], painted[2])
-    torch.testing.assert_close(painted[..., 1:63:2], painted[..., 65:127:2].flip(-1), atol=1e-5, rtol=0)
-
-
-def test_pictures_that_cannot_be_read_are_refused(tmp_path):
-    with pytest.raises(FileError, match="nowhere"):
-        Picture(str(tmp_path / "nowhere.png")).paint(CANVAS)
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: Flat((2.0, 0.0, 0.0)), lambda: Checker(0.0), lambda: Stripes(8.0, angle=float("nan")),
-        lambda: Noise(exponent=-1.0), lambda: Noise(hardness=2.0), lambda: Picture(""), lambda: Picture("a.png", 0.0),
-    ],
-)  # fmt: skip
-def test_textures_that_are_none_are_refused(make):
-    with pytest.raises(InputError):
-        make()

@@ -7,11 +7,8 @@ import torch
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from lfref.errors import InputError
-from lfref.functional import loops
 from lfref.functional.psnr import psnr
 from lfref.simulator import bitmaps, focal_planes, painting, truth, views
-from lfref.simulator.focal_planes import Cells
 from lfref.simulator.layers import Layer
 from lfref.simulator.materials import Glass, Glossy, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Outline, Perforated, Polygon, Twigs
@@ -156,66 +153,6 @@ def test_cells_agree_with_brute_force_at_the_strongest_blur(name):
     assert agreement(name, "disc", -7.0, size=(44, 44)) > 70
 
 
-@pytest.mark.parametrize("name", list(SCENES))
-def test_through_a_pinhole_every_plane_is_the_central_view(name, monkeypatch):
-    point = torch.zeros(1, dtype=torch.float64)
-    pinhole = Cells(point, point, torch.ones(1, 1, dtype=torch.float64), 0.0, 0.0)
-    monkeypatch.setattr(focal_planes, "cut_aperture", lambda camera, n_cells: pinhole)
-    camera = Camera(grid=(3, 3), size=(24, 25))
-    layers = painted(name, camera)
-    stack = truth.stack(layers, camera, SLOPES)
-    central = views.views(layers, camera)[1, 1]
-    torch.testing.assert_close(stack, central.expand_as(stack), atol=2e-6, rtol=0)
-
-
-@pytest.mark.parametrize("shape", ["square", "disc"])
-def test_one_colour_stays_one_colour(shape):
-    camera = Camera(size=(32, 32), aperture=shape)
-    surfaces = [
-        Surface(Plane(d), Flat(OCCLUDER), matte) for d, matte in ((-1.0, Full()), (0.1, Disc(9.0)), (0.8, Full()))
-    ]
-    surfaces += [Surface(Plane(0.9), Flat(OCCLUDER), Perforated(9.0, 3.0))]
-    stack = truth.stack(painting.paint(Scene(camera, tuple(surfaces)), reach=3.0), camera, SLOPES)
-    expected = torch.tensor(OCCLUDER)[:, None, None].expand_as(stack)
-    torch.testing.assert_close(stack, expected, atol=1e-5, rtol=0)
-
-
-@pytest.mark.parametrize("n_cells", [None, 6])
-def test_blur_keeps_the_light_of_what_lies_in_the_middle(n_cells):
-    camera = Camera(size=(80, 80), aperture="disc")
-    layers = painting.paint(Scene(camera, (Surface(Plane(0.5), noise(0.4), Disc(9.0)),)), reach=4.0)
-    light = truth.stack(layers, camera, [-4.0, -3.0, -1.0], n_cells=n_cells).sum((-2, -1))
-    painted_light = layers[0].bitmap.samples[:3].sum((-2, -1)) / bitmaps.OVERSAMPLING**2
-    torch.testing.assert_close(light, painted_light.expand_as(light), atol=0, rtol=1e-4)
-
-
-def test_nothing_to_see_is_black():
-    camera = Camera(size=(32, 34))
-    far = Surface(Plane(0.0), Flat(), Disc(4.0, (300.0, 0.0)))
-    stack = truth.stack(painting.paint(Scene(camera, (far,))), camera, [0.0, 0.5])
-    assert stack.shape == (2, 3, 32, 34)
-    assert not stack.any()
-
-
-def test_float32_is_enough():
-    camera = Camera(size=(32, 32))
-    small, large = (
-        focal_planes.focal_planes([waves(camera, -0.4, dtype=dtype), waves(camera, 0.6, Disc(9.0), dtype)], camera, [s])
-        for dtype, s in ((torch.float32, -1.0), (torch.float64, -1.0))
-    )
-    picture, expected = truth.render(small[0]), eager.render_eagerly(large[0])
-    assert (picture.dtype, expected.dtype) == (torch.float32, torch.float64)
-    torch.testing.assert_close(picture.double(), expected, atol=2e-6, rtol=0)
-
-
-def test_two_numbers_of_cells_are_extrapolated():
-    camera = Camera(size=(32, 34))
-    layers = painted("islands", camera)
-    (plane,) = focal_planes.focal_planes(layers, camera, [0.0])
-    fine, coarse = (truth.stack(layers, camera, [0.0], n_cells=len(n.cells.p)) for n in (plane, plane.coarser))
-    torch.testing.assert_close(truth.stack(layers, camera, [0.0]), fine + (fine - coarse) / 3)
-
-
 def one_layer(slope, aperture="square", grid=(7, 7), n_cells=9, matte=Full()):  # noqa: B008  frozen
     camera = Camera(grid, (40, 50), aperture)
     layers = painting.paint(Scene(camera, (Surface(Plane(-1.0), Noise(), matte),)), reach=abs(slope))
@@ -230,16 +167,6 @@ def test_the_filter_of_a_single_layer_is_the_sum_of_all_cells(aperture, grid, sl
     expected = truth.render(plane)
     torch.testing.assert_close(truth.filter_layer(plane), expected, atol=1e-6, rtol=0)
     torch.testing.assert_close(eager.render_eagerly(plane), expected, atol=1e-6, rtol=0)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [({"slopes": [9.0]}, "half the"), ({"slopes": [0.0], "n_cells": 0}, "n_cells must be at least 1")],
-)
-def test_what_cannot_be_photographed_is_refused(options, message):
-    camera = Camera(size=(32, 32))
-    with pytest.raises(InputError, match=message):
-        truth.stack(painted("islands", camera), camera, **options)
 
 
 def planes(scene, slopes, n_cells=4):
@@ -263,11 +190,3 @@ def test_loops_render_as_pytorch_does(name):
     for plane in both:
         expected = eager.render_eagerly(plane)
         torch.testing.assert_close(truth.render(plane), expected, atol=1e-6, rtol=0)
-
-
-@pytest.mark.parametrize("name", ["islands", "crossing"])
-def test_threads_change_nothing(name, monkeypatch):
-    (plane,) = planes(Scene(Camera(size=(40, 50)), SCENES[name]), [-1.0])
-    expected = truth.render(plane)
-    monkeypatch.setattr(loops, "worthwhile", lambda size, worth_a_thread: 3)
-    assert torch.equal(truth.render(plane), expected)

@@ -6,10 +6,10 @@ from hypothesis import HealthCheck, given, settings
 
 from lfref.refocus.fourier import exact
 from lfref.simulator import painting, views
-from lfref.simulator.materials import Emissive, Glossy
+from lfref.simulator.materials import Glossy
 from lfref.simulator.mattes import Disc, Polygon, Twigs
-from lfref.simulator.scene import Camera, Light, Scene, Surface
-from lfref.simulator.surfaces import Dome, Plane
+from lfref.simulator.scene import Camera, Scene, Surface
+from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Checker, Flat, Gradient, Noise
 from tests.simulator import drawing, eager
 
@@ -60,15 +60,6 @@ def test_a_half_plane_hides_what_is_behind_it():
         assert drawing.psnr(pictures[1, u, 0], expected) > 45
 
 
-def test_half_transparent_surfaces_mix_and_light_and_gain_multiply():
-    surfaces = Surface(Plane(0.0), Flat((0.2, 0.2, 0.2))), Surface(Plane(0.5), Flat((1.0, 1.0, 1.0)), opacity=0.5)
-    pictures = drawing.painted_views(Scene(CAMERA, surfaces, Light(0.5)))
-    torch.testing.assert_close(pictures, torch.full_like(pictures, 0.3), atol=1e-6, rtol=0)
-    lamp = Surface(Plane(1.0), Flat((1.0, 1.0, 1.0)), material=Emissive(4.0))
-    pictures = drawing.painted_views(Scene(CAMERA, (*surfaces, lamp), Light(0.5)))
-    torch.testing.assert_close(pictures, torch.full_like(pictures, 4.0), atol=1e-5, rtol=0)
-
-
 def test_planes_that_cross_change_places_where_they_meet():
     one = Surface(Plane(0.0, (0.04, 0.0)), Flat((1.0, 0.0, 0.0)))
     other = Surface(Plane(0.0, (-0.04, 0.0)), Flat((0.0, 1.0, 0.0)))
@@ -77,15 +68,6 @@ def test_planes_that_cross_change_places_where_they_meet():
         assert bool((pictures[:, :, 0, :, 24:] > 0.9999).all())
         assert bool((pictures[:, :, 1, :, :24] > 0.9999).all())
         assert float(pictures[:, :, 2].max()) == 0
-
-
-def test_a_dome_breaks_through_a_plane_within_a_circle():
-    dome = Surface(Dome(-0.5, 1.0, 20.0), Flat((1.0, 0.0, 0.0)))
-    view = drawing.painted_views(Scene(CAMERA, (dome, Surface(Plane(0.0), Flat((0.0, 1.0, 0.0))))))[2, 2, 0]
-    radius = torch.hypot(drawing.centred(48), drawing.centred(40)[:, None])
-    edge = 20 * (1 - 0.5**0.5) ** 0.5
-    assert bool((view[radius < edge - 1] > 0.9999).all())
-    assert bool((view[radius > edge + 1] == 0).all())
 
 
 @settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
@@ -113,25 +95,6 @@ SURFACES = (
 
 def pictures_of(surfaces=SURFACES, camera=UNEVEN):
     return views.views(painting.paint(Scene(camera, tuple(surfaces))), camera)
-
-
-def test_threads_change_nothing(monkeypatch):
-    expected = pictures_of()
-    monkeypatch.setattr(torch, "get_num_threads", lambda: 9)
-    assert torch.equal(pictures_of(), expected)
-
-
-def test_a_surface_beyond_the_picture_adds_nothing():
-    for geometry in (Plane(1.0), Plane(1.0, (0.001, 0.0))):
-        hidden = Surface(geometry, Flat((1.0, 1.0, 1.0)), Disc(5.0, (90.0, -70.0)))
-        assert float(pictures_of([hidden]).max()) == 0
-
-
-def test_an_opaque_slanted_background_is_laid_over_black():
-    """What memory happens to hold must not shine through, not even as NaN."""
-    flat = Surface(Plane(0.0, (0.01, 0.0)), Flat((0.25, 0.5, 0.75)))
-    expected = torch.tensor([0.25, 0.5, 0.75])[:, None, None].expand(3, 4, 3, 37, 45)
-    torch.testing.assert_close(pictures_of([flat]), expected, atol=1e-6, rtol=0)
 
 
 CROSSING = (Surface(Plane(0.0, (0.02, 0.0)), Checker(9.0)), Surface(Plane(0.0, (-0.02, 0.0)), Noise()))
@@ -163,13 +126,6 @@ def test_masks_share_what_half_transparent_surfaces_leave():
     torch.testing.assert_close(masks[:, 11, [2, 27]], expected)
 
 
-def test_masks_change_places_where_surfaces_cross():
-    surfaces = (Surface(Plane(0.0, (0.04, 0.0)), Flat()), Surface(Plane(0.0, (-0.04, 0.0)), Flat()))
-    right, left = views.masks(painting.paint(Scene(CENTRAL, surfaces)), CENTRAL, 2)
-    assert torch.equal(right, (torch.arange(30) >= 15).float().expand(24, 30))
-    assert torch.equal(left, 1 - right)
-
-
 def test_disparity_is_that_of_what_hides_at_least_half():
     surfaces = (
         Surface(Plane(-0.5, (0.0, 0.01)), Flat(), Disc(9.0)),
@@ -181,13 +137,3 @@ def test_disparity_is_that_of_what_hides_at_least_half():
     torch.testing.assert_close(result[5:18, 10], -0.5 + 0.01 * y[5:18])
     assert result[11, 15] == 0.7
     assert result[0, 0] == 0
-
-
-def test_all_in_focus_is_the_view_through_the_centre():
-    surfaces = (Surface(Plane(-0.5), Noise(), material=Glossy()), Surface(Plane(0.6, (0.01, 0.0)), Noise(), Disc(7.0)))
-    layers = painting.paint(Scene(CENTRAL, surfaces))
-    assert torch.equal(views.all_in_focus(layers, CENTRAL), views.views(layers, CENTRAL)[1, 1])
-    even = Camera((4, 4), CENTRAL.size)
-    layers = painting.paint(Scene(even, surfaces))
-    view, between = views.views(layers, even)[1, 1], views.all_in_focus(layers, even)
-    assert float((view - between).abs().max()) > 0.05

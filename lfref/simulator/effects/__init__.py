@@ -17,7 +17,4 @@ class Effect(abc.ABC):
 
     @abc.abstractmethod
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
-        """Views [V, U, C, H, W] with the effect; C is 1 between mosaic and demosaicing.
-
-        Random numbers are drawn on the CPU by the generator, so that they are the same on every device.
-        """
+        """Views [V, U, C, H, W] with the effect; C is 1 between mosaic and demosaicing."""

@@ -16,12 +16,17 @@ from torch import Generator, Tensor
 from lfref.encoding import LINEAR, Encoding
 from lfref.simulator import checks
 from lfref.simulator.effects import Effect
-from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import Demosaic, Mosaic
-from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
-from lfref.simulator.effects.vignetting import Vignetting
+from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
+from lfref.simulator.effects.recording import (
+    Clipping,
+    Demosaic,
+    Exposure,
+    Mosaic,
+    Noise,
+    Quantisation,
+    ToneCurve,
+    WhiteBalance,
+)
 from lfref.simulator.planner import Pass
 
 

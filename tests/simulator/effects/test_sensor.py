@@ -1,20 +1,14 @@
 """A sensor applies its effects in the order of the light; planned equals forced, draw for draw."""
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.errors import InputError
 from lfref.simulator import planner
-from lfref.simulator.effects.crosstalk import Crosstalk
-from lfref.simulator.effects.displacement import Chromatic, Misalignment
-from lfref.simulator.effects.mosaic import Mosaic
-from lfref.simulator.effects.noise import Noise
-from lfref.simulator.effects.response import Clipping, Exposure, Quantisation, ToneCurve, WhiteBalance
+from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
+from lfref.simulator.effects.recording import Clipping, Exposure, Mosaic, Noise, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor, effect_chain, recorded, sensor_passes
-from lfref.simulator.effects.vignetting import Vignetting
 from lfref.simulator.planner import Pass
 from tests.simulator import drawing
 
@@ -71,21 +65,3 @@ def test_all_effects_together_are_one_after_the_other():
     assert all(vars(FULL).values())
     assert drawing.EFFECTS.keys() == vars(FULL).keys()
     assert planned(Sensor(), radiance).run()["views"] is radiance
-
-
-def test_another_effect_does_not_change_what_noise_draws():
-    radiance = torch.rand(2, 2, 3, 6, 6)
-    draws = []
-    for others in ({}, {"misalignment": Misalignment(0.4)}, {"exposure": Exposure(0.5)}):
-        quiet, loud = Sensor(**others), Sensor(noise=Noise(read=1.0), **others)
-        views = [planned(sensor, radiance, seed=9).run()["views"] for sensor in (quiet, loud)]
-        draws.append(views[1] - views[0])
-    torch.testing.assert_close(draws[1], draws[0], atol=1e-6, rtol=0)
-    torch.testing.assert_close(draws[2], draws[0], atol=1e-6, rtol=0)
-
-
-def test_an_effect_in_the_wrong_field_is_refused():
-    with pytest.raises(InputError, match="a sensor's noise must be one of Noise; got Exposure"):
-        Sensor(noise=Exposure(2.0))
-    with pytest.raises(InputError, match="a sensor's exposure must be one of Exposure; got 2"):
-        Sensor(exposure=2.0)

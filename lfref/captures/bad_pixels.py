@@ -1,17 +1,19 @@
-"""Hot and dead pixels: samples that stick out of their surroundings, in one view and one colour alone.
+"""Samples without light of the scene: hot and dead pixels, black views, and corners that the optics leave black.
 
-A photosite records one colour, so a glint, a star or a firefly of a path tracer, whose spot looks alike in several
-colours, is none. Nor is a spot that neighbouring views show too, at the place of any disparity of the scene.
-Hot and dead pixels are replaced by the mean of the samples beside them, channel by channel: weights of 0 would slow
-down all refocusing for a handful of samples. Samples that a mosaic has spoilt beside them are replaced too.
-Each defect has a module of its own.
-Letters: `V U` view rows and columns, `C` channels, `K` samples, `v u c y x` their indices.
+Hot and dead pixels stick out of their surroundings, in one view and one colour alone. A photosite records one colour: a
+glint, a star or a firefly of a path tracer, whose spot looks alike in several colours, is none. Nor is a spot that
+neighbouring views show too, at the place of any disparity of the scene. They are replaced by the mean of the samples
+beside them, channel by channel: weights of 0 would slow down all refocusing for a handful of samples. Samples that a
+mosaic has spoilt beside them are replaced too.
+Black views and corners get weight 0. Corners are black because of the camera if they are round, present in all four
+corners of a view, and as sharp as the camera's own edge. A dark scene has no such corners.
+Letters: `V U` view rows and columns, `C` channels, `K` samples, `v u c y x` their indices; `h w` rows and columns
+counted from a corner.
 """
 
 import dataclasses
 import itertools
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -20,6 +22,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.captures import registration
+from lfref.captures.defect import Defect
 from lfref.errors import counted
 from lfref.functional import loops
 from lfref.functional.loops import compiled, inlined
@@ -42,23 +45,24 @@ CLIPPED = 0.98  # share of the brightest sample, by trial: compression changes c
 BESIDE = 1  # pixels per view step that disparities may lie beyond those of the map, by trial
 REACH = 3  # pixels around a sample: a mosaic spoils 2, and the ring around them shows the detail
 WIDTH = 0.6  # pixels, by trial: standard deviation of the weights of the samples that replace a hot one
+BLACK_VIEW = 0.05  # share of the views' median light, by trial: a view with less is black and not only vignetted
+BLACK = 0.02  # share of a view's brightest twentieth, by trial: less light is a trace of compression
+LEAST_CORNER = 3  # pixels along both edges, by trial: smaller corners hardly matter
+LARGEST_CORNER = 0.4  # share of the sides: two corners that meet are a dark scene
+RIM = 1  # pixels: decoders ring at the corner's edge, and blur it by as much
+TURNS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # from each corner, the direction into the picture along rows and columns
 
 
 @dataclass(frozen=True, eq=False)
-class HotPixelsDefect:
+class HotPixelsDefect(Defect):
     """Samples that are hot or dead."""
 
-    name: ClassVar[str] = "hot_pixels"
-    needs_light: ClassVar[bool] = False
+    name = "hot_pixels"
 
     samples: Tensor
     """View row and column, channel, pixel row and column of each sample, [K, 5]."""
     count: int
     """Number of hot and dead samples, without those that they have spoilt."""
-
-    def reason_to_skip(self) -> str | None:
-        """Why nothing is corrected: no sample is hot or dead."""
-        return None if self.count else "other views confirm every sample that sticks out"
 
     def summary(self) -> str:
         """Number of hot and dead samples."""
@@ -80,9 +84,10 @@ class HotPixelsDefect:
         return dataclasses.replace(field, views=views)
 
 
-def find(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> HotPixelsDefect:
+def find_hot(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> HotPixelsDefect:
     """Find hot and dead pixels; the disparity [H, W] is that of the reference view."""
-    none = HotPixelsDefect(torch.zeros(0, 5, dtype=torch.long), 0)
+    reason = "other views confirm every sample that sticks out"
+    none = HotPixelsDefect(torch.zeros(0, 5, dtype=torch.long), 0, reason_to_skip=reason)
     if field.grid[0] * field.grid[1] < 3:
         return none
     samples, heights = candidates(field.views)
@@ -116,39 +121,23 @@ def find(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> Ho
 
 def candidates(views: Tensor) -> tuple[Tensor, Tensor]:
     """Samples that stick out of their view, [K, 5], and their heights, [K]; channels with too many are left out."""
-    images = views.detach().float().cpu().flatten(0, 1).contiguous().numpy()
-    samples, heights = [], []
-    for channel in range(images.shape[1]):
+    samples, found = [], []
+    for channel in range(views.shape[2]):
+        images = views[:, :, channel].detach().float().cpu().contiguous().numpy()
+        heights = np.zeros_like(images)
+        jobs = [(images[v], heights[v]) for v in range(len(images))]
+        loops.share(write_heights, jobs, loops.worthwhile(images.size, 1 << 18))  # samples per thread, by trial
         # Every eighth row is enough for the mean height and the brightest samples.
-        total, count = total_height(images, channel, 8)
-        brightest = float(np.quantile(images[:, channel, ::8, ::8], 0.99))
-        limit = max(FAR * total / max(count, 1), LEAST * brightest)
-        places, highs = _higher_than(limit, images, channel)
-        if len(highs) >= MOST or not np.isfinite(limit):
-            continue
-        image, row, column = places.unbind(1)
-        v, u = image // views.shape[1], image % views.shape[1]
-        samples.append(torch.stack([v, u, torch.full_like(v, channel), row, column], 1))
-        heights.append(highs)
+        extremes, brightest = heights[..., 1:-1:8, :], float(np.quantile(images[..., ::8, ::8], 0.99))
+        extremes = extremes[extremes > 0]
+        limit = max(FAR * float(extremes.mean(dtype=np.float64)) if extremes.size else 0.0, LEAST * brightest)
+        v, u, y, x = np.nonzero(heights > np.float32(limit))
+        if len(v) < MOST and np.isfinite(limit):
+            samples.append(torch.from_numpy(np.stack([v, u, np.full_like(v, channel), y, x], 1)))
+            found.append(torch.from_numpy(heights[v, u, y, x]))
     if not samples:
         return torch.zeros(0, 5, dtype=torch.long), torch.zeros(0)
-    return torch.cat(samples), torch.cat(heights)
-
-
-def _higher_than(limit: float, images: NDArray, channel: int) -> tuple[Tensor, Tensor]:
-    """Image, row, column [K, 3] and height [K] of samples of a channel above a limit; at most `MOST` per thread."""
-    parts: list[tuple[NDArray, NDArray]] = []
-
-    def look(first: int, last: int) -> None:
-        places, heights = np.empty((MOST, 3), np.int64), np.empty(MOST, np.float32)
-        n = sticking_out(images[first:last], channel, limit, places, heights)
-        parts.append((places[:n] + np.array([first, 0, 0]), heights[:n]))
-
-    # 2^18 samples per thread, by trial.
-    jobs = loops.bands(len(images), loops.worthwhile(images[:, 0].size, 1 << 18))
-    loops.share(look, jobs, len(jobs))
-    places, heights = (torch.from_numpy(np.concatenate(arrays)) for arrays in zip(*parts, strict=True))
-    return places, heights
+    return torch.cat(samples), torch.cat(found)
 
 
 def _patches(views: Tensor, samples: Tensor) -> Tensor:
@@ -266,46 +255,6 @@ def with_spoilt(own: Tensor, others: Tensor, samples: Tensor, size: tuple[int, i
     return spoilt[inside].unique(dim=0)
 
 
-@compiled
-def total_height(images: NDArray, channel: int, step: int) -> tuple[float, int]:
-    """Sum and number of the heights of local extremes, in every `step`-th row of a channel of images [B, C, H, W]."""
-    scratch = np.empty((3, images.shape[3]), images.dtype)
-    heights = scratch[2]
-    total, count = 0.0, 0
-    for n in range(images.shape[0]):
-        plane = images[n, channel]
-        for y in range(1, plane.shape[0] - 1, step):
-            _row_heights(plane[y - 1], plane[y], plane[y + 1], scratch)
-            for x in range(1, heights.size - 1):
-                if heights[x] > 0:
-                    total += heights[x]
-                    count += 1
-    return total, count
-
-
-@compiled
-def sticking_out(images: NDArray, channel: int, limit: float, places: NDArray, highs: NDArray) -> int:
-    """Write image, row, column [K, 3] of samples higher than a limit, and their heights; returns how many, up to K."""
-    scratch = np.empty((3, images.shape[3]), images.dtype)
-    heights = scratch[2]
-    least, count = images.dtype.type(limit), 0
-    for n in range(images.shape[0]):
-        plane = images[n, channel]
-        for y in range(1, plane.shape[0] - 1):
-            _row_heights(plane[y - 1], plane[y], plane[y + 1], scratch)
-            # Counting runs on vectors, and nearly all rows have no such sample.
-            n_out = 0
-            for x in range(1, heights.size - 1):
-                n_out += heights[x] > least
-            if n_out == 0:
-                continue
-            for x in range(1, heights.size - 1):
-                if heights[x] > least and count < len(places):
-                    places[count, 0], places[count, 1], places[count, 2], highs[count] = n, y, x, heights[x]
-                    count += 1
-    return count
-
-
 @inlined
 def _larger(a: float, b: float) -> float:
     # The built-in function checks for NaN, and so does not run on vectors.
@@ -318,14 +267,113 @@ def _smaller(a: float, b: float) -> float:
 
 
 @compiled
-def _row_heights(above: NDArray, row: NDArray, below: NDArray, scratch: NDArray) -> None:
-    """Write the height of each sample of a row to scratch[2]; below 0: it lies within the range of its 8 neighbours."""
-    high, low, heights = scratch[0], scratch[1], scratch[2]
-    # Extremes of each column of three, shared by the neighbours on both sides.
-    for x in range(row.size):
-        high[x] = _larger(_larger(above[x], below[x]), row[x])
-        low[x] = _smaller(_smaller(above[x], below[x]), row[x])
-    for x in range(1, row.size - 1):
-        most = _larger(_larger(high[x - 1], high[x + 1]), _larger(above[x], below[x]))
-        least = _smaller(_smaller(low[x - 1], low[x + 1]), _smaller(above[x], below[x]))
-        heights[x] = _larger(row[x] - most, least - row[x])
+def write_heights(images: NDArray, heights: NDArray) -> None:
+    """Write the height of each sample of images [B, H, W]; below 0: it lies within the range of its 8 neighbours."""
+    high, low = np.empty((2, images.shape[2]), images.dtype)
+    for n in range(images.shape[0]):
+        for y in range(1, images.shape[1] - 1):
+            above, row, below, into = images[n, y - 1], images[n, y], images[n, y + 1], heights[n, y]
+            # Extremes of each column of three, shared by the neighbours on both sides.
+            for x in range(row.size):
+                high[x] = _larger(_larger(above[x], below[x]), row[x])
+                low[x] = _smaller(_smaller(above[x], below[x]), row[x])
+            for x in range(1, row.size - 1):
+                most = _larger(_larger(high[x - 1], high[x + 1]), _larger(above[x], below[x]))
+                least = _smaller(_smaller(low[x - 1], low[x + 1]), _smaller(above[x], below[x]))
+                into[x] = _larger(row[x] - most, least - row[x])
+
+
+@dataclass(frozen=True, eq=False)
+class BlackViewsDefect(Defect):
+    """Views and corners without light."""
+
+    name = "black_views"
+
+    views: tuple[tuple[int, int], ...]
+    """Row and column of each black view."""
+    corners: Tensor | None
+    """Which samples lie in black corners, [V, U, 1, H, W]; None: there are none."""
+
+    def summary(self) -> str:
+        """Number of black views, and share of black corners."""
+        share = 0.0 if self.corners is None else float(self.corners.float().mean())
+        texts = [counted(len(self.views), "black view")] if self.views else []
+        texts += [f"black corners ({share:.1%})"] if share > 0 else []
+        return f"{' and '.join(texts)} weigh nothing"
+
+    def corrected(self, field: LightField) -> LightField:
+        """The same views, weight 0 where they are black."""
+        shape = (*field.grid, 1, *field.size)
+        # Without corners the samples of a view share one weight in memory.
+        own = (*field.grid, 1, 1, 1) if self.corners is None else shape
+        weight = field.views.new_ones(own) if field.weight is None else field.weight.clone()
+        if self.corners is not None:
+            weight.masked_fill_(self.corners.to(weight.device), 0)
+        for v, u in self.views:
+            weight[v, u] = 0
+        return dataclasses.replace(field, weight=weight.expand(shape))
+
+
+def find_black(field: LightField) -> BlackViewsDefect:
+    """Find black views and corners among the views that have a weight."""
+    # Every fourth sample gives the brightest twentieth of a view well enough.
+    brightest = field.views[..., ::4, ::4].amax(2).flatten(2)
+    light = brightest.kthvalue(max(1, int(0.95 * brightest.shape[2])), 2).values
+    is_used = torch.ones_like(light, dtype=torch.bool)
+    if field.weight is not None:
+        is_used = field.weight[..., ::4, ::4].flatten(2).amax(2) > 0
+    typical = light[is_used].median() if bool(is_used.any()) else light.new_zeros(())
+    is_black = is_used & (light < BLACK_VIEW * typical)
+    is_used, is_black = is_used.cpu(), is_black.cpu()
+    black_views = tuple((int(v), int(u)) for v, u in is_black.nonzero())
+    # Black corners of the other views that have four of them.
+    limit = BLACK * light[..., None, None, None]
+    boxes = [_corner_region(_black_near_corner(field.views, rows, columns, limit)) for rows, columns in TURNS]
+    has_all = is_used & ~is_black & torch.stack([box.flatten(2).any(2) for box in boxes]).all(0)
+    if not bool(has_all.any()):
+        reason = "" if black_views else "all views have light in all corners"
+        return BlackViewsDefect(black_views, None, reason_to_skip=reason)
+    corners = torch.zeros(*field.grid, *field.size, dtype=torch.bool)
+    for (rows, columns), box in zip(TURNS, boxes, strict=True):
+        where = (..., _side(box.shape[2], rows), _side(box.shape[3], columns))
+        corners[where] = _turned(box & has_all[..., None, None], rows, columns)
+    return BlackViewsDefect(black_views, corners[:, :, None])
+
+
+def _black_near_corner(views: Tensor, rows: int, columns: int, limit: Tensor) -> Tensor:
+    """Black samples near one corner of all views, turned so that the corner comes first, bool, [V, U, h, w]."""
+    h, w = (max(1, int(LARGEST_CORNER * length)) for length in views.shape[-2:])
+    box = views[..., _side(h, rows), _side(w, columns)]
+    return _turned(_widened((box < limit).all(2)), rows, columns).cpu()
+
+
+def _corner_region(black: Tensor) -> Tensor:
+    """The black corner at the first pixel, bool, [V, U, h, w].
+
+    Each of its rows begins at the first column and is at most as long as the row above it.
+    """
+    runs = _run(black).cummin(2).values
+    depth = (runs > 0).sum(2)
+    is_corner = (depth >= LEAST_CORNER) & (runs[..., 0] >= LEAST_CORNER)
+    # A region that fills its box extends beyond the largest corner.
+    is_corner &= (depth < black.shape[2]) & (runs[..., 0] < black.shape[3])
+    region = (torch.arange(black.shape[3]) < runs[..., None]) & is_corner[..., None, None]
+    return _widened(region)
+
+
+def _widened(region: Tensor) -> Tensor:
+    """A region [V, U, h, w] with the ring around it: bright samples between black ones, and dim ones beside them."""
+    return F.max_pool2d(region.flatten(0, 1).float(), 2 * RIM + 1, 1, RIM).unflatten(0, region.shape[:2]) > 0
+
+
+def _run(black: Tensor) -> Tensor:
+    """Number of black samples before the first one with light, along the last axis."""
+    return torch.where(black.all(-1), black.shape[-1], (~black).int().argmax(-1))
+
+
+def _side(length: int, turn: int) -> slice:
+    return slice(None, length) if turn > 0 else slice(-length, None)
+
+
+def _turned(boxes: Tensor, rows: int, columns: int) -> Tensor:
+    return boxes.flip([axis for axis, turn in ((-2, rows), (-1, columns)) if turn < 0])

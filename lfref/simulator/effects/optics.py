@@ -1,0 +1,185 @@
+"""Effects of a camera's optics: aberration, vignetting, and views that are misaligned or mix.
+
+Chromatic aberration and misalignment move pictures, by interpolation along rows and columns.
+Vignetting is falloff, cos^4 of the field angle, and the rim of the lens that clips the pupil (cat's eye). The rim is a
+disc that holds every view; off the axis it is displaced, and a view keeps the share of its cell that lies within it.
+Crosstalk: light that reaches a neighbouring pixel under its lenslet ends up in the neighbouring view. Its kernel is 3x3
+views, (a, 1 - 2a, a) along each axis. Light that would leave the grid stays in the outermost view: energy is conserved.
+Letters: `p q` view column and row from the angular centre, `x y` pixel from the picture's centre, in half diagonals of
+the picture for vignetting.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Generator, Tensor
+
+from lfref import geometry
+from lfref.functional import interpolation
+from lfref.simulator import checks
+from lfref.simulator.effects import Effect
+
+Triple = tuple[float, ...]
+"""One number each for red, green and blue."""
+
+
+def resample(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """As `interpolation.resample`, by matrices: quicker for the small pictures here."""
+    height, width = views.shape[-2:]
+    return matrix(rows, height).to(views) @ views @ matrix(columns, width).to(views).mT
+
+
+def matrix(positions: Tensor, length: int) -> Tensor:
+    """The resampling of one axis as a matrix: weight of each of `length` samples at each position, [..., K, length].
+
+    Positions [..., K] are in pixels from the centre, float64 like the matrix.
+    """
+    samples, weights = interpolation.taps(positions, length)
+    return torch.zeros(*positions.shape, length, dtype=positions.dtype).scatter_add_(-1, samples, weights)
+
+
+@dataclass(frozen=True)
+class Chromatic(Effect):
+    """Chromatic aberration: each colour has its own magnification (lateral) and its own focus (longitudinal).
+
+    Its own focus is a disparity d_c that is added to the disparity of every surface: L_c(x) = L(x - d_c p).
+    """
+
+    magnification: Triple = (1.0, 1.0, 1.0)
+    """Size of each channel's picture about its centre, [0.5, 2]; 1 keeps it."""
+    disparity: Triple = (0.0, 0.0, 0.0)
+    """Number that is added to each channel's disparities, in pixels per view step, [-10, 10]."""
+
+    def __post_init__(self) -> None:
+        checks.freeze(self)
+        checks.colour("a chromatic aberration's magnification", self.magnification, 0.5, 2)
+        checks.colour("a chromatic aberration's disparity", self.disparity, -10, 10)
+
+    def inert(self, grid: tuple[int, int]) -> str | None:
+        """The effect is inert if every magnification is 1, and every added disparity is 0 or there is only one view."""
+        if any(size != 1 for size in self.magnification):
+            return None
+        if not any(self.disparity):
+            return "all colours share magnification and focus"
+        return "a single view has no focus" if tuple(grid) == (1, 1) else None
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """Magnify and shift every channel of the views [V, U, 3, H, W]."""
+        size, focus = (
+            torch.tensor(value, dtype=torch.float64)[:, None] for value in (self.magnification, self.disparity)
+        )
+        # Position that each view and channel reads along each axis, [V or U, 3, H or W].
+        rows, columns = (
+            (geometry.angular_offsets(length) - focus * geometry.angular_offsets(n_views)[:, None, None]) / size
+            for n_views, length in zip(views.shape[:2], views.shape[-2:], strict=True)
+        )
+        return resample(views, rows[:, None], columns)
+
+
+@dataclass(frozen=True)
+class Vignetting(Effect):
+    """Falloff towards the corners, and a pupil that is clipped there."""
+
+    field: float = 0.0  # tangent of the field angle at the picture's corner, [0, 10]; 0: no falloff
+    cats_eye: float = 0.0
+    """Displacement of the rim at the picture's corner, in radii of the rim, [0, 2]; 0: no view is clipped."""
+
+    def __post_init__(self) -> None:
+        checks.numbers("a vignetting's field", [self.field], 0, 10)
+        checks.numbers("a vignetting's cats_eye", [self.cats_eye], 0, 2)
+
+    def inert(self, grid: tuple[int, int]) -> str | None:
+        """The effect is inert without falloff and displacement."""
+        return None if self.field or self.cats_eye else "field and cat's eye are 0"
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """Multiply by both gains."""
+        return views * (falloff(views, self.field) * clipped_pupil(views, self.cats_eye))
+
+
+def falloff(views: Tensor, field: float) -> Tensor:
+    """cos^4 of the field angle at every pixel, a gain in (0, 1], [H, W].
+
+    Only shape, type and device of the views [V, U, C, H, W] count; `field` is the tangent of the angle at the corner.
+    """
+    x, y = _pixels(views)
+    return (1 + field**2 * (x**2 + y**2)) ** -2
+
+
+def clipped_pupil(views: Tensor, displacement: float) -> Tensor:
+    """Share of each view's cell that the rim lets through at every pixel, a gain in [0, 1], [V, U, 1, H, W].
+
+    Only the shape, type and device of the views [V, U, C, H, W] count; `displacement` is the distance by which the rim
+    is displaced at the corner, in radii of the rim.
+    """
+    x, y = _pixels(views)
+    grid = views.shape[:2]
+    radius = math.hypot(*grid) / 2
+    q, p = (geometry.angular_offsets(n_views).to(views) for n_views in grid)
+    across = p[:, None, None, None] - displacement * radius * x
+    down = q[:, None, None, None, None] - displacement * radius * y
+    # A cell is one view step wide, so that its share falls from 1 to 0 over one step about the rim.
+    return (radius - torch.sqrt(across**2 + down**2) + 0.5).clamp(0, 1)
+
+
+def _pixels(views: Tensor) -> tuple[Tensor, Tensor]:
+    """Columns [W] and rows [H, 1] in half diagonals from the centre."""
+    size = views.shape[-2:]
+    y, x = (geometry.angular_offsets(length) / (math.hypot(*size) / 2) for length in size)
+    return x.to(views), y.to(views)[:, None]
+
+
+@dataclass(frozen=True)
+class Misalignment(Effect):
+    """Misaligned views: a random shift for each view, normally distributed along both axes."""
+
+    sigma: float = 0.0  # standard deviation along each axis in pixels, [0, 10]
+
+    def __post_init__(self) -> None:
+        checks.numbers("a misalignment's sigma", [self.sigma], 0, 10)
+
+    def inert(self, grid: tuple[int, int]) -> str | None:
+        """The effect is inert if all shifts are 0."""
+        return None if self.sigma else "sigma is 0"
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """Draw shifts and move the views, [V, U, C, H, W]."""
+        draws = torch.randn((*views.shape[:2], 2), generator=generator).double()
+        return shift(views, self.sigma * draws)
+
+
+def shift(views: Tensor, shifts: Tensor) -> Tensor:
+    """Move every view [V, U, C, H, W] on its own, L(x) -> L(x - dx), by (right, down) in pixels, CPU, [V, U, 2]."""
+    dx, dy = shifts.double()[:, :, None, None].unbind(-1)
+    height, width = views.shape[-2:]
+    return resample(views, geometry.angular_offsets(height) - dy, geometry.angular_offsets(width) - dx)
+
+
+@dataclass(frozen=True)
+class Crosstalk(Effect):
+    """Neighbouring views mix."""
+
+    leak: float = 0.0
+    """Share of its light that a view gives to each neighbour along an axis, [0, 1/3]; 1/3 is the mean of the nine."""
+
+    def __post_init__(self) -> None:
+        checks.numbers("a crosstalk's leak", [self.leak], 0, 1 / 3)
+
+    def inert(self, grid: tuple[int, int]) -> str | None:
+        """The effect is inert without a leak or a neighbour."""
+        if not self.leak:
+            return "leak is 0"
+        return "a single view has no neighbour" if tuple(grid) == (1, 1) else None
+
+    def apply(self, views: Tensor, generator: Generator) -> Tensor:
+        """Mix the views, [V, U, C, H, W], along both axes."""
+        rows, columns = (_exchange(n_views, self.leak).to(views) for n_views in views.shape[:2])
+        return torch.einsum("ij,vj...->vi...", columns, torch.tensordot(rows, views, 1))
+
+
+def _exchange(n_views: int, leak: float) -> Tensor:
+    """Shares of light between views along one axis: symmetric, rows and columns of sum 1, [n_views, n_views]."""
+    neighbours = torch.diag(torch.ones(n_views - 1, dtype=torch.float64), 1)
+    leaked = leak * (neighbours + neighbours.T)
+    return leaked + torch.diag(1 - leaked.sum(0))
