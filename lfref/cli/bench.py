@@ -8,12 +8,10 @@ import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import pandas as pd
 import torch
 from omegaconf import DictConfig
-from torch import Tensor
 
 from lfref.bench import accuracy, causes, costs, evaluation, timing
 from lfref.bench.causes import CauseSettings
@@ -41,32 +39,6 @@ from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes
 
 
-class Rounds(NamedTuple):
-    """Number of counted rounds, and of warm-up rounds before them."""
-
-    counted: int
-    warmup: int
-
-    @property
-    def all(self) -> range:
-        """Indices of all rounds, those of the warm-up first."""
-        return range(self.warmup + self.counted)
-
-
-def configured_rounds(config: DictConfig, counted: str = "repeats") -> Rounds:
-    """The configured rounds; `counted` is the key for the number of counted ones."""
-    return Rounds(int(configs.number(config, counted, 1)), int(configs.number(config, "warmup", 0)))
-
-
-def whole_numbers(config: DictConfig, key: str, least: int) -> list[int]:
-    """The list of whole numbers `config[key]`; refused if it is no list, empty, or if one of them is below `least`."""
-    values = configs.plain(config[key])
-    if not isinstance(values, list) or not values or not all(type(value) is int and value >= least for value in values):
-        expected = f"{key} must be a list of whole numbers of at least {least}"
-        raise InputError(expected, got=values, remedy=f"write {key}=[3,5]")
-    return values
-
-
 def light_fields(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> list[LightField]:
     """The light fields of `input`, or simulated ones of the paper's size."""
     if config.input is not None:
@@ -81,6 +53,11 @@ def test_scenes(names: DictConfig | None, version: str) -> dict[str, Scene]:
     scenes = sim30.VERSIONS[version]
     selected = list(scenes) if names is None else list(configs.plain(names))
     return {name: chosen("sim30 scene", name, scenes) for name in selected}
+
+
+def _rounds(config: DictConfig) -> Iterable[int]:
+    """The rounds of all methods, those of the warm-up first."""
+    return progress(range(config.warmup + config.repeats), "measuring rounds")
 
 
 def write_facts(
@@ -107,8 +84,7 @@ def write_facts(
 
 def error_causes(config: DictConfig, folder: Path) -> None:
     """Write `causes.csv`, `causes_by_plane.csv`, `causes_by_scene.csv`, `machine.json` and `causes.png`."""
-    device, margin = device_of(config.device), int(configs.number(config, "margin", 0))
-    grids = tuple(whole_numbers(config, "grids", 1))
+    device, margin, grids = device_of(config.device), config.margin, tuple(config.grids)
     plan = CauseSettings(fixed_planes(config), margin, configs.build(config.sensor), grids, device)
     remedies = list(steps.parts_of(config.remedies).values())
     name_apart(remedies)
@@ -132,12 +108,8 @@ HELD_OUT = 2_000_003
 
 def front(config: DictConfig, folder: Path) -> None:
     """Write `bench.csv`, `scenes.csv`, `planes.csv`, `evaluation.csv`, `machine.json`, two plots and five crops."""
-    device, rounds = device_of(config.device), configured_rounds(config)
-    margin = int(configs.number(config, "margin", 0))
-    planes = fixed_planes(config)
+    device, margin, planes = device_of(config.device), config.margin, fixed_planes(config)
     methods = _methods(config, device)
-    if config.truth is not None and config.input is None:
-        raise InputError("truth belongs to light fields of yours", got="no input", remedy="give input=LIGHT_FIELDS")
     cases: Iterable[EvaluationCase]
     captures = [] if config.input is None else _capture_cases(config, methods, planes, device)
     if config.input is None:
@@ -148,7 +120,7 @@ def front(config: DictConfig, folder: Path) -> None:
         cases = progress(captures, f"evaluating against {captures[0].reference_name}")
         fields = [case.light for case in captures]
     evaluated = pd.DataFrame(evaluation.evaluate(cases, methods, planes, margin))
-    times = costs.times(methods, fields, planes.slopes, progress(rounds.all, "measuring rounds"), rounds.warmup)
+    times = costs.times(methods, fields, planes.slopes, _rounds(config), config.warmup)
     bench = times.merge(evaluation.by_class(evaluated), "left", "method")
     bench["is_network"] = bench["method"].isin([method.name for method in methods if method.is_network])
     by_plane, scenes = evaluation.by_plane(evaluated), evaluation.by_scene(evaluated)
@@ -157,7 +129,7 @@ def front(config: DictConfig, folder: Path) -> None:
         if len(table):  # scenes of wide baselines have no planes in common
             tables.write_table(folder / f"{name}.csv", table)
     write_facts(
-        folder, device, fields, planes, rounds.counted, sim30=sim30.VERSION, aliased=sim30.VERSION_2, margin=margin
+        folder, device, fields, planes, config.repeats, sim30=sim30.VERSION, aliased=sim30.VERSION_2, margin=margin
     )
     if plots.has_front(bench):
         drawing.save_figure(plots.front(bench), folder / "accuracy_time.png")
@@ -183,15 +155,12 @@ def _scene_cases(
     config: DictConfig, planes: FocalPlanes, device: torch.device, only: str | None = None
 ) -> Iterator[EvaluationCase]:
     """The cases of all scenes, or of the scene of this name; they are rendered when they are asked for."""
-    # `lfref prepare` and trainings draw from other seeds: no network has been trained on these scenes.
+    # Trainings draw from other seeds: no network has been trained on these scenes.
     held_out: RandomScenes = configs.build(config.held_out)
-    varied = [held_out.scene(HELD_OUT, 0, index) for index in range(int(configs.number(config, "varied", 0)))]
+    varied = [held_out.scene(HELD_OUT, 0, index) for index in range(config.varied)]
     common = [*test_scenes(config.test_scenes, "1").values(), *varied]
     aliased = list(test_scenes(config.test_scenes, "2").values()) if config.aliased else []
     wide = list(sim30.WIDE.values()) if config.wide else []
-    if not (common or wide):
-        remedy = "set test_scenes, varied or wide"
-        raise InputError("there must be scenes to evaluate", got="none", remedy=remedy)
     chosen("correct", config.correct, dict.fromkeys(CORRECTIONS))
 
     def shown(scenes: list[Scene], text: str) -> Iterable[Scene]:
@@ -211,26 +180,21 @@ def _capture_cases(
     config: DictConfig, methods: Sequence[Refocuser], planes: FocalPlanes, device: torch.device
 ) -> list[EvaluationCase]:
     """The cases of the light fields of `input`."""
-    if config.truth is not None and config.thin is not None:
-        raise InputError("truth and thin are two references", got="both", remedy="give one of them")
     corrected = (
         correct(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
         for field in light_fields(config, methods if config.thin is None else ())
     )
     if config.truth is not None:
-        names = list(steps.find_fields(config))
-        truths = (steps.read_truth(config.truth, name, len(names)) for name in names)
-        return [_given_case(field, truth, planes) for field, truth in zip(corrected, truths, strict=True)]
+        cases, names = [], list(steps.find_fields(config))
+        for name, field in zip(names, corrected, strict=True):
+            stack = steps.checked_truth(steps.read_truth(config.truth, name, len(names)), field, planes)
+            cases.append(EvaluationCase(evaluation.GIVEN, field, stack, evaluation.TRUTH))
+        return cases
     if config.thin is None:
         log.info("no truth is known of these light fields: the reference is exact refocusing of their own views")
         return list(evaluation.capture_cases(corrected, planes.slopes))
     # Methods get every second or third view, the others are the reference.
-    return list(evaluation.hold_out_cases(corrected, int(configs.number(config, "thin", 2)), planes.slopes))
-
-
-def _given_case(field: LightField, truth: tuple[Tensor, FocalPlanes], planes: FocalPlanes) -> EvaluationCase:
-    stack = steps.checked_truth(truth, field, planes)
-    return EvaluationCase(evaluation.GIVEN, field, stack, evaluation.TRUTH)
+    return list(evaluation.hold_out_cases(corrected, config.thin, planes.slopes))
 
 
 @torch.no_grad()
@@ -245,7 +209,7 @@ def _write_crops(
     """Write the crops of the plane where our method is worst."""
     reference = case.displayed(case.reference).encoded
 
-    def stack(name: str) -> Tensor:
+    def stack(name: str) -> torch.Tensor:
         return case.displayed(case.stack(methods[name], planes.slopes)).encoded
 
     ours = stack(answer.ours)
@@ -261,9 +225,7 @@ def _write_crops(
 
 def time_operators(config: DictConfig, folder: Path) -> None:
     """Write `operators.csv`, `scaling.csv`, `exponents.csv` and `machine.json`."""
-    device, rounds = device_of(config.device), configured_rounds(config)
-    scale_rounds = configured_rounds(config, "scale_repeats")
-    planes = fixed_planes(config)
+    device, planes = device_of(config.device), fixed_planes(config)
     scales: Scales = configs.build(config.scales)
     fields = light_fields(config)
     if len(fields) != 1:
@@ -271,14 +233,13 @@ def time_operators(config: DictConfig, folder: Path) -> None:
     field = fields[0].to(device)
     sizes = scales.sizes(Size(field.grid, field.size, len(planes)))
     methods = list(steps.parts_of(config.methods).values())
-    counting = progress(rounds.all, "measuring rounds")
-    operators = costs.times(methods, [field], planes.slopes, counting, rounds.warmup)
-    growing = progress(methods, "measuring growth")
-    growth = costs.growth_times(growing, sizes, field.views.shape[2], device, *scale_rounds)
+    operators = costs.times(methods, [field], planes.slopes, _rounds(config), config.warmup)
+    growing, channels = progress(methods, "measuring growth"), field.views.shape[2]
+    growth = costs.growth_times(growing, sizes, channels, device, config.scale_repeats, config.warmup)
     exponents = costs.growth_exponents(growth)
     for name, table in {"operators": operators, "scaling": growth, "exponents": exponents}.items():
         tables.write_table(folder / f"{name}.csv", table)
-    write_facts(folder, device, [field], planes, rounds.counted)
+    write_facts(folder, device, [field], planes, config.repeats)
     log.info("%s on %s: %s", counted(len(methods), "operator"), field.name, folder / "operators.csv")
 
 
@@ -296,10 +257,7 @@ SHOWN = ("1 - SSIM", "1 / PSNR", "loss", "PSNR")
 
 def stability(config: DictConfig, folder: Path) -> None:
     """Write `stability.csv`, `stability.png`, `machine.json` and `index.html`."""
-    parts = list(configs.plain(config.parts))
-    if not parts:
-        raise InputError(f"parts must be some of {', '.join(PARTS)}", got="none")
-    components = [component for part in parts for component in chosen("parts", part, PARTS)()]
+    components = [component for part in config.parts for component in chosen("parts", part, PARTS)()]
     n_threads = torch.get_num_threads()
     torch.set_num_threads(1)  # inputs are small: threads would cost more than they give
     rows = list(trials.run_trials(progress(components, "trying hard cases")))
@@ -321,19 +279,11 @@ GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
     "stability": stability,
 }
 """Name of a group -> its function; its options are in `conf/group/NAME.yaml`."""
-WITH_INPUT = (front, time_operators)
-"""Groups that measure light fields of the user; all others have scenes of their own."""
 
 
 def bench(config: DictConfig, folder: Path) -> None:
     """Measure one group."""
-    measure = chosen("group", config.group, GROUPS)
-    if config.input is not None and measure not in WITH_INPUT:
-        got = f"group={config.group}, which has scenes of its own"
-        raise InputError(
-            "light fields are measured by group=front and group=operators", got=got, remedy="leave input out"
-        )
-    measure(config, folder)
+    chosen("group", config.group, GROUPS)(config, folder)
 
 
 run = command(bench)

@@ -1,14 +1,12 @@
 """Parts of all commands: a run folder with its configuration, one line for a user's mistake, progress, device."""
 
-import itertools
 import logging
 import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import torch
 from hydra.core.hydra_config import HydraConfig
@@ -20,9 +18,6 @@ from lfref.cli.main import fail
 from lfref.errors import FileError, InputError, LfrefError
 from lfref.io import run as runs
 from lfref.io.run import Run, key_of
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
 
 Task = Callable[[DictConfig, Path], float | None]
 Item = TypeVar("Item")
@@ -92,33 +87,15 @@ def _decisive(overrides: Sequence[str]) -> list[str]:
     return [word for word in overrides if key_of(word) not in runs.FOLDERS]
 
 
-def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
+def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
     """Return items one by one, under a progress bar on a terminal; `total` is needed for items without a length."""
-    with _bar() as bar:
-        yield from items if bar is None else bar.track(items, total=total, description=what)
-
-
-@contextmanager
-def stages(name: str, number: int) -> Iterator[Callable[[str], None]]:
-    """A progress bar of the stages of one light field, on a terminal; yields the function that begins a stage."""
-    with _bar(counts_down=False, transient=True) as bar:
-        if bar is None:
-            yield lambda stage: None
-            return
-        task, n_begun = bar.add_task(name, total=number), itertools.count()
-        yield lambda stage: bar.update(task, description=f"{name}: {stage}", completed=next(n_begun), refresh=True)
-
-
-@contextmanager
-def _bar(counts_down: bool = True, transient: bool = False) -> Iterator["Progress | None"]:
-    """A progress bar below the lines of the log; None if there is no terminal."""
     if not sys.stderr.isatty():
-        yield None
+        yield from items
         return
     from rich.console import Console  # imported here: commands without a terminal do not wait for it
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress
 
-    console, clock = Console(stderr=True), TimeRemainingColumn() if counts_down else TimeElapsedColumn()
+    console = Console(stderr=True)
 
     def make_room(_: logging.LogRecord) -> bool:
         console.file.write("\r\x1b[2K")  # erases the bar, which is drawn again below the line
@@ -126,12 +103,11 @@ def _bar(counts_down: bool = True, transient: bool = False) -> Iterator["Progres
         return True
 
     handlers = logging.getLogger().handlers
-    columns = TextColumn("{task.description}"), BarColumn(), clock
-    with Progress(*columns, console=console, transient=transient) as bar:
+    with Progress(console=console) as bar:
         for handler in handlers:
             handler.addFilter(make_room)
         try:
-            yield bar
+            yield from bar.track(items, total=total, description=what)
         finally:
             for handler in handlers:
                 handler.removeFilter(make_room)

@@ -1,8 +1,6 @@
 """Configurations: their folder, the objects that they describe, and their copy in a run folder."""
 
-import functools
 import hashlib
-import math
 from pathlib import Path
 from typing import Any
 
@@ -32,24 +30,18 @@ def build(config: Any, **arguments: Any) -> Any:
     Raises:
         InputError: The configuration does not fit what it describes.
     """
-    node = plain(config)
+    node: Any = plain(config)
     if not isinstance(node, dict | list):
         return node
     try:
         if not arguments or isinstance(node, list):
             return instantiate(node, _convert_="all")
         # Hydra would merge arguments into the configuration, where dataclasses lose their class.
-        is_partial = node.get("_partial_", False)
         others = {key: value for key, value in node.items() if key not in arguments}
-        make = functools.partial(instantiate(others | {"_partial_": True}, _convert_="all"), **arguments)
-        return make if is_partial else make()
+        return instantiate(others | {"_partial_": True}, _convert_="all")(**arguments)
     except InstantiationException as error:
         if isinstance(error.__cause__, LfrefError):
             raise error.__cause__ from None
-        raise InputError("the configuration must fit what it describes", got=first_line(error)) from error
-    except LfrefError:
-        raise
-    except (TypeError, ValueError) as error:
         raise InputError("the configuration must fit what it describes", got=first_line(error)) from error
 
 
@@ -57,27 +49,10 @@ def plain(config: Any) -> Any:
     """The configuration as resolved plain containers."""
     if not isinstance(config, DictConfig | ListConfig):
         return config
-    missing = sorted(OmegaConf.missing_keys(config))
-    if missing:
-        remedy = f"add {missing[0]}=VALUE"
-        raise InputError("the configuration must be complete", got=f"no {missing[0]}", remedy=remedy)
     try:
         return OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:
-        raise InputError("the configuration must be complete", got=str(error).splitlines()[0]) from error
-
-
-def number(config: DictConfig, key: str, least: float, most: float = math.inf) -> Any:
-    """The number `config[key]`; refused if it is no finite number from `least` to `most`."""
-    value = config[key]
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not (math.isfinite(value) and least <= value <= most)
-    ):
-        limits = f"of at least {least:g}" if most == math.inf else f"from {least:g} to {most}"
-        raise InputError(f"{key} must be a number {limits}", got=repr(value))
-    return value
+        raise InputError("the configuration must be complete", got=error) from error
 
 
 def save(config: DictConfig, folder: Path) -> None:

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import torch
@@ -42,7 +41,8 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     for method in methods:
         method.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
     fields = steps.find_fields(config)
-    rows = _earlier_rows(folder / PLANES) if config.resume is not None else []
+    goes_on = config.resume is not None and (folder / PLANES).is_file()
+    rows: list[accuracy.Row] = tables.read_table(folder / PLANES).to_dict("records") if goes_on else []
     done = {row["light_field"] for row in rows}
 
     def read(_: str, path: Path) -> LightField:
@@ -54,34 +54,23 @@ def evaluate(config: DictConfig, folder: Path) -> None:
             labels[TRUTH] = steps.checked_truth(steps.read_truth(config.truth, name, len(fields)), field, planes)
         return labels
 
-    @torch.no_grad()
     def compute(name: str, field: LightField) -> tuple[LightField, dict[str, Tensor], dict[str, Tensor]]:
-        stacks = {method.name: method(field.to(device), planes.slopes).cpu() for method in methods}
-        for method, stack in stacks.items():
-            if n_lost := int((~stack.isfinite()).flatten(1).any(1).sum()):
-                log.warning("%s has NaN or infinity in %d of %d planes of %s", method, n_lost, len(stack), name)
+        stacks = {method.name: steps.refocus_field(method, field, planes.slopes, device) for method in methods}
         return field, stacks, labels_of(name, field)
 
     def write(name: str, result: tuple[LightField, dict[str, Tensor], dict[str, Tensor]]) -> None:
         field, stacks, labels = result
         shown = stacks | {f"label: {label}": stack for label, stack in labels.items()}
         figure = plots.comparison(shown, planes, mean_of_views(field))
-        picture = folder / "comparison" / f"{name}.png"
-        drawing.save_figure(figure, picture)
+        drawing.save_figure(figure, folder / "comparison" / f"{name}.png")
         # Rows are written after the picture, so that a killed run leaves no light field in the table without one.
-        # All rows of a light field, or none if one of them fails.
-        rows.extend(list(accuracy.plane_rows(name, stacks, labels, planes)))
+        rows.extend(accuracy.plane_rows(name, stacks, labels, planes))
         tables.write_table(folder / PLANES, rows)
 
     failure: LfrefError | None = None
-    running: list[Any] = []
-    if config.get("logger"):
-        from lfref.cli import loggers  # imported here: Lightning and wandb take seconds
-
-        running = loggers.started(config, "eval")
     remaining = {name: path for name, path in fields.items() if name not in done}
     try:
-        steps.process(remaining, {"reading": read, "evaluating": compute, "writing": write}, "evaluating")
+        steps.process(remaining, [read, compute, write], "evaluating")
     except LfrefError as error:
         if not rows:
             raise
@@ -95,22 +84,19 @@ def evaluate(config: DictConfig, folder: Path) -> None:
         if summary["light_field"].nunique() > 1:  # of one light field the table says all
             drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
         drawing.save_figure(plots.by_plane(table, ("psnr_db", "ssim")), folder / "quality_by_plane.png")
-    if running:
-        loggers.log_evaluation(running, summary, table, folder)
+    if config.get("logger"):
+        from lfref.cli import loggers  # imported here: Lightning and wandb take seconds
+
+        loggers.log_evaluation(loggers.started(config, "eval"), summary, table, folder)
     if (answer := answers.of_evaluation(summary, table)) is not None:
-        worst = steps.read_field(fields[answer.worst], config, methods).to(device)
+        worst = steps.read_field(fields[answer.worst], config, methods)
         label = labels_of(answer.worst, worst)[answer.reference]
-        _write_crops(folder, worst, methods, label, planes, answer)
+        _write_crops(folder, worst.to(device), methods, label, planes, answer)
         log.info(answer.sentence)
     n_fields = counted(summary["light_field"].nunique(), "light field")
     log.info("%s, %s: %s", n_fields, counted(len(methods), "method"), folder / "summary.csv")
     if failure is not None:
         raise failure
-
-
-def _earlier_rows(path: Path) -> list[accuracy.Row]:
-    """The rows of a table that a killed run left; none if it left no table."""
-    return tables.read_table(path).to_dict("records") if path.is_file() else []
 
 
 def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:

@@ -31,15 +31,11 @@ def info(config: DictConfig, folder: Path) -> None:
     def write(name: str, inspection: Inspection) -> None:
         log.info("%s", "\n".join(inspection.lines()))
         place = steps.result_folder(folder, name, fields[name], named)
-        _write(place, inspection)
+        atomic.write_text(place / "inspection.json", json.dumps(inspection.as_dict(), indent=2))
+        drawing.save_figure(inspection_sheet(inspection), place / SHEET)
         log.info("open %s", place / SHEET)
 
-    steps.process(fields, {"reading": read, "inspecting": inspect_field, "writing": write}, "inspecting")
-
-
-def _write(folder: Path, inspection: Inspection) -> None:
-    atomic.write_text(folder / "inspection.json", json.dumps(inspection.as_dict(), indent=2))
-    drawing.save_figure(inspection_sheet(inspection), folder / SHEET)
+    steps.process(fields, [read, inspect_field, write], "inspecting")
 
 
 run = command(info)

@@ -8,6 +8,7 @@ import gc
 import importlib
 import os
 import sys
+from datetime import datetime
 from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
@@ -77,6 +78,8 @@ def start(name: str, words: list[str]) -> None:
     sys.argv = [str(Path(__file__).with_name(f"{name}.py")), *words]
     if not any(word.startswith("hydra.job.name=") for word in words):
         sys.argv.append(f"hydra.job.name={name}")
+    if not any(key_of(word) == "output" for word in words):
+        sys.argv.append(f"output=runs/{name}/{datetime.now():%Y-%m-%d_%H-%M-%S}")
 
     def task(config: DictConfig) -> float | None:
         try:

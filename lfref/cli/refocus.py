@@ -14,6 +14,7 @@ from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
+from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocuser.refocuser import Refocuser
@@ -23,9 +24,7 @@ from lfref.report.refocused import PictureFiles, Refocused
 
 def refocus(config: DictConfig, folder: Path) -> None:
     """Read, correct, refocus and write each light field; with more than one input each gets its own result folder."""
-    device, exposure = device_of(config.device), steps.exposure(config)
-    bits, quality = (int(configs.number(config, name, 1)) for name in ("bits", "quality"))
-    files = PictureFiles(str(config.format), bits, quality)
+    device, files = device_of(config.device), PictureFiles(str(config.format), config.bits, config.quality)
     refocuser, configured_planes = _refocuser(config, device)
     optional = [name for name in results.OPTIONAL if config[name]]
     if config.video:
@@ -48,19 +47,21 @@ def refocus(config: DictConfig, folder: Path) -> None:
         field, corrections = corrected
         planes = planes_of(configured_planes, field)
         stack = steps.refocus_field(refocuser, field, planes.slopes, device)
-        return Refocused(field, stack, planes, steps.gain(field, exposure), files), corrections
+        return Refocused(field, stack, planes, steps.gain(field, config), files), corrections
 
     def write(name: str, result: tuple[Refocused, Corrections | None]) -> None:
         refocused, corrections = result
         with steps.writing(folder, places[name]) as place:
             results.write_results(place, refocused, optional)
-            steps.write_corrections(place, corrections)
+            if corrections is not None:
+                atomic.write_text(place / "corrections.txt", corrections.summary() + "\n")
+                if corrections.active:
+                    corrections.save(place / "correction.pt")
         n_planes = len(refocused.planes)
         text = "%s refocused by %s to %s: open %s"
         log.info(text, name, refocuser.name, counted(n_planes, "plane"), places[name] / results.SHEET)
 
-    stages: dict[str, steps.Step] = {"reading": read, "correcting": correct, "refocusing": compute, "writing": write}
-    steps.process(fields, stages, "refocusing")
+    steps.process(fields, [read, correct, compute, write], "refocusing")
 
 
 def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:

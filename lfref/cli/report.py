@@ -35,11 +35,8 @@ def _facts(runs: list[Path]) -> dict[str, object]:
     """Date of the page, and facts about the machines of the runs and of the jobs of sweeps; all values that differ."""
     facts: dict[str, dict[str, None]] = {}
     for note in (note for run in runs for note in [run / "machine.json", *sorted(run.glob("*/machine.json"))]):
-        try:
-            for name, value in json.loads(note.read_text("utf-8")).items() if note.is_file() else ():
-                facts.setdefault(name, {})[tables.format_cell(name, value)] = None
-        except (OSError, ValueError, AttributeError) as error:
-            log.warning("%s cannot be read: %s", note, error)
+        for name, value in json.loads(note.read_text("utf-8")).items() if note.is_file() else ():
+            facts.setdefault(name, {})[tables.format_cell(name, value)] = None
     date = datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return {"date": date, **{name: "; ".join(values) for name, values in facts.items()}}
 

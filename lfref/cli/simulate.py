@@ -1,6 +1,5 @@
 """`lfref simulate`: write the views of simulated scenes, the truth that a lens records, disparities and masks."""
 
-import re
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -10,7 +9,7 @@ from lfref.cli import config as configs
 from lfref.cli.command import command, log, progress
 from lfref.cli.steps import fixed_planes
 from lfref.encoding import LINEAR, SRGB
-from lfref.errors import InputError, counted
+from lfref.errors import counted
 from lfref.geometry import FocalPlanes
 from lfref.io import images, write
 from lfref.lightfield import LightField
@@ -24,40 +23,26 @@ from lfref.simulator.simulate import simulate as simulated
 
 def simulate(config: DictConfig, folder: Path) -> None:
     """Write light fields `NAME`, and beside them `NAME_sheet.png` and `NAME_OUTPUT.exr` (linear) of other outputs."""
-    n_fields, seed = int(configs.number(config, "n_fields", 1)), int(configs.number(config, "seed", 0))
-    outputs, suffix = configs.plain(config.outputs), str(config.suffix)
-    if not isinstance(outputs, list) or not all(isinstance(name, str) for name in outputs):
-        raise InputError("outputs must be a list of names", got=outputs, remedy="write outputs=[views,truth]")
-    if suffix not in write.SUFFIXES:
-        raise InputError(f"suffix must be {' or '.join(map(repr, write.SUFFIXES))}", got=repr(suffix))
     planes = fixed_planes(config)
     scenes: Scenes | Scene = configs.build(config.scene)
     n_done = 0
-    for index in progress(range(n_fields), "simulating"):
-        scene = scenes if isinstance(scenes, Scene) else scenes.scene(seed, 0, index)
+    for index in progress(range(config.n_fields), "simulating"):
+        scene = scenes if isinstance(scenes, Scene) else scenes.scene(config.seed, 0, index)
         # The sheet is written last: a scene that has one is whole.
         if config.resume is not None and (folder / f"{scene.name}_sheet.png").is_file():
             n_done += 1
             continue
-        if not re.fullmatch(r"\w[\w.-]*", scene.name):
-            raise InputError("a scene's name must be usable as the name of a file", got=repr(scene.name))
-        result = simulated(scene, 0, outputs, planes.slopes, config.force)
-        _write(folder, scene, result, planes, suffix)
+        result = simulated(scene, 0, configs.plain(config.outputs), planes.slopes, config.force)
+        _write(folder, scene, result, planes, config.suffix)
         if config.explain:
             log.info("%s\n%s", scene.name, planner.table(result.rows))
     earlier = f"; there before: {n_done}" if n_done else ""
-    log.info("simulated %s in %s%s", counted(n_fields - n_done, "light field"), folder, earlier)
+    log.info("simulated %s in %s%s", counted(config.n_fields - n_done, "light field"), folder, earlier)
 
 
 def _write(folder: Path, scene: Scene, simulated: Simulated, planes: FocalPlanes, suffix: str) -> None:
     cells: dict[str, Tensor] = {}
     if simulated.views is not None:
-        views, levels = simulated.views, (255 * simulated.views).round()
-        share = float(((levels < 0) | (levels > 255)).float().mean())
-        if share > 0 and not suffix:
-            reach = f"{float(views.min()):.3g} to {float(views.max()):.3g}"
-            expected = "%s reaches from %s: PNG clips %.2g %% of it, suffix=.exr keeps all"
-            log.warning(expected, scene.name, reach, 100 * share)
         # Samples that a tone curve has encoded are written unchanged, as the files of a camera hold them.
         light = LightField(simulated.views, scene.name, is_linear=scene.sensor.encoding == LINEAR)
         write.write(folder / f"{scene.name}{suffix}", light, overwrite=True)

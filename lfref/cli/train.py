@@ -2,13 +2,10 @@
 
 import json
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import torch
 import wandb
-from hydra.core.hydra_config import HydraConfig
 from lightning.pytorch import LightningDataModule, Trainer, seed_everything
 from omegaconf import DictConfig
 
@@ -21,32 +18,19 @@ from lfref.cli.steps import fixed_planes
 from lfref.errors import counted
 from lfref.io import atomic
 from lfref.io.run import CHECKPOINTS, METRICS, TRAINING, Run
+from lfref.nets import checkpoint as checkpoints
 from lfref.nets.refiner import Refiner
 from lfref.refocuser.networks import SHIPPED
 from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement, TrainingRecord
 from lfref.train.modules import Fitting, Refining, Refocusing
 from lfref.train.signals import StopOnSigterm
 
-PARALLEL_LAUNCHERS = (
-    "hydra_plugins.hydra_joblib_launcher.joblib_launcher.JoblibLauncher",
-    "hydra_plugins.hydra_submitit_launcher.submitit_launcher.LocalLauncher",
-)
-"""Launchers that run several jobs at a time on this machine, all of which see the same GPUs."""
-GPU_ACCELERATORS = ("gpu", "cuda", "auto")
-
 
 def train(config: DictConfig, folder: Path) -> float | None:
     """Train; checkpoints, logs and pictures go to the run folder.
 
-    Args:
-        config: `conf/train.yaml`.
-        folder: The run folder.
-
     Returns:
         The best value of what the best checkpoint is chosen by (`val/mpsnr`); None if there is none.
-
-    Raises:
-        LfrefError: Data, configuration or disk do not allow the training.
     """
     own = Run(folder)
     if is_sweep_job() and own.is_finished:
@@ -99,8 +83,8 @@ def build_module(config: DictConfig, data: LightningDataModule) -> Fitting:
         module = Refocusing(net, loss, planes, optimizer, scheduler, config.end_rate, is_linear, metrics)
     if config.start is not None:
         path = Path(config.start)
-        start = SHIPPED.get(config.start) or (Run.of(path).best if path.is_dir() else path)
-        module.start_from(start)
+        weights = SHIPPED.get(config.start) or (Run.of(path).best if path.is_dir() else path)
+        checkpoints.start(module.net, weights)
         log.info("training starts from the weights of %s", config.start)
     if config.channels_last:
         module.net.to(memory_format=torch.channels_last)
@@ -118,18 +102,7 @@ def _trainer(config: DictConfig) -> Trainer:
     stopping = StopOnSigterm(folder / CHECKPOINTS / "last.ckpt")
     callbacks = [RankAgreement(configs.fingerprint(config)), *chosen, TrainingRecord(folder / TRAINING), stopping]
     logger = loggers.started(config, "train")
-    devices = _devices(configs.plain(config.trainer))
-    plugins = [AtomicCheckpointIO()]
-    return configs.build(config.trainer, callbacks=callbacks, logger=logger, plugins=plugins, devices=devices)
-
-
-def _devices(trainer: Mapping[str, Any]) -> Any:
-    """The devices of the trainer; jobs of a sweep that take one GPU each and run side by side take them in turn."""
-    devices, n_gpus = trainer.get("devices", "auto"), torch.cuda.device_count()
-    takes_one_gpu = devices == 1 and trainer.get("accelerator", "auto") in GPU_ACCELERATORS and n_gpus > 0
-    if not (takes_one_gpu and is_sweep_job() and HydraConfig.get().launcher._target_ in PARALLEL_LAUNCHERS):
-        return devices
-    return [HydraConfig.get().job.num % n_gpus]
+    return configs.build(config.trainer, callbacks=callbacks, logger=logger, plugins=[AtomicCheckpointIO()])
 
 
 run = command(train)

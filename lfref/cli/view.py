@@ -24,7 +24,7 @@ from lfref.viewer import view_page
 
 def view(config: DictConfig, folder: Path) -> None:
     """Write a page for each light field; several get a result folder each, and a gallery of the pages."""
-    device, exposure = device_of(config.device), steps.exposure(config)
+    device = device_of(config.device)
     aperture, quality = configs.build(config.aperture), configs.build(config.page_quality)
     refocusers = [refocuser.to(device) for refocuser in _refocusers(config, aperture)]
     configured_planes: Planes = configs.build(config.planes)
@@ -49,7 +49,7 @@ def view(config: DictConfig, folder: Path) -> None:
         planes = next((refocuser.planes for refocuser in refocusers if refocuser.planes is not None), None)
         if planes is None:
             planes = planes_of(configured_planes, field) if truth is None else truth[1]
-        gain = steps.gain(field, exposure)
+        gain = steps.gain(field, config)
         shown = {
             method.name: Refocused(field, steps.refocus_field(method, field, planes.slopes, device), planes, gain)
             for method in refocusers
@@ -72,14 +72,8 @@ def view(config: DictConfig, folder: Path) -> None:
             size = sum(file.stat().st_size for file in beside.iterdir())
             log.info("%s: its pictures stay beside it in %s (%.1f MB)", name, beside, size / 1e6)
 
-    stages: dict[str, steps.Step] = {
-        "reading": read,
-        "correcting": correct,
-        "refocusing": refocus,
-        "writing the page": write_page,
-    }
     try:
-        steps.process(fields, stages, "viewing")
+        steps.process(fields, [read, correct, refocus, write_page], "viewing")
     finally:  # also where some of them have failed
         if len(gallery) > 1:
             view_page.write_gallery(folder / "index.html", config.title or "Light fields", gallery)

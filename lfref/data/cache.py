@@ -102,41 +102,30 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = 
     """
     # The names of a folder's images say where views stand on the grid.
     names = [file.name for file in view_folders.image_files(path)] if path.is_dir() else []
-    parts = [content_hash(path, folder), names, _description(options, correct)]
+    white = content_hash(Path(options["white"])) if options.get("white") is not None else None
+    by = correct if correct in (NONE, AUTO) else content_hash(Path(correct))
+    own = {**options, "white": white, "correct": by}
+    parts = [content_hash(path, folder), names, own, reader.VERSION, corrections.VERSION]
     key = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
     entry, name = folder / f"field_{key[:32]}", path.absolute().name if path.is_dir() else path.stem
     if not entry.is_dir():
         with suppress(FileExistsError), atomic.filling_folder(entry) as partial:
-            _store(partial, _decode(path, options, correct))
+            _decode(path, options, correct, partial)
     weight = kept(entry / WEIGHT) if (entry / WEIGHT).is_file() else None
     return Field(name, kept(entry / SAMPLES), weight, parsed((entry / ENCODING).read_text("utf-8")))
 
 
-def _description(options: Mapping[str, Any], correct: str) -> dict[str, Any]:
-    """All that decides what is stored of a file."""
-    options = dict(options)
-    if options.get("white") is not None:
-        options["white"] = content_hash(Path(options["white"]))
-    if correct == NONE:
-        return {"reader": options, "version": reader.VERSION}
-    by = correct if correct == AUTO else content_hash(Path(correct))
-    return {"reader": options, "version": reader.VERSION, "correct": by, "correct_version": corrections.VERSION}
-
-
-def _decode(path: Path, options: Mapping[str, Any], correct: str) -> tuple[LightField, type, Encoding]:
-    """The light field of a file, and type and encoding in which it is stored."""
+def _decode(path: Path, options: Mapping[str, Any], correct: str, folder: Path) -> None:
+    """Read and correct a light field, and write its samples, its weight and its encoding into a folder."""
     field = reader.read(path, **options)
-    corrected, _ = corrections.correct(field, correct, even_grid_for=EVEN_GRID)
+    light, _ = corrections.correct(field, correct, even_grid_for=EVEN_GRID)
     encoding = parsed(field.metadata["encoding"])
     # Corrected samples are no longer the whole numbers of the file.
-    kind = DTYPES[field.metadata["bits"]] if corrected.views is field.views else np.float16
-    return corrected, kind, LINEAR if issubclass(kind, np.floating) and encoding.is_known else encoding
-
-
-def _store(folder: Path, decoded_field: tuple[LightField, type, Encoding]) -> None:
-    light, kind, encoding = decoded_field
-    samples, weight = images.encoded(light.views.numpy(), encoding), light.weight
-    stored = {SAMPLES: samples} | ({} if weight is None else {WEIGHT: weight.numpy()})
+    kind: Any = DTYPES[field.metadata["bits"]] if light.views is field.views else np.float16
+    encoding = LINEAR if issubclass(kind, np.floating) and encoding.is_known else encoding
+    stored = {SAMPLES: images.encoded(light.views.numpy(), encoding)}
+    if light.weight is not None:
+        stored[WEIGHT] = light.weight.numpy()
     for name, values in stored.items():
         whole = np.rint(values * np.iinfo(kind).max) if issubclass(kind, np.integer) else values
         keep(folder / name, whole.astype(kind))
@@ -149,39 +138,31 @@ def content_hash(path: Path, folder: Path | None = None) -> str:
     A stored hash is valid as long as the names, sizes and times of all files are unchanged.
     """
     files = view_folders.image_files(path) if path.is_dir() else [path]
-    if not files or not all(file.is_file() for file in files):
-        raise FileError(f"{path} must be an image file or a folder of images", got="none")
     if path.suffix.lower() == lytro_files.BARE:
         with suppress(OSError):  # decoding says what is wrong
             files.append(lytro_files.frame_record(path).path)
-    # The time of the last change of a file's entry (ctime) differs for a copy that keeps the modification time.
-    state = [(str(file.absolute()), (at := file.stat()).st_size, at.st_mtime_ns, at.st_ctime_ns) for file in files]
-    key, hashes = hashlib.sha256(repr(state).encode()).hexdigest(), _hashes(folder)
-    if key not in hashes:
-        hashes[key] = hashlib.sha256("".join(map(_digest, files)).encode()).hexdigest()
+    with atomic.file_errors(path, "read"):
+        # The time of the last change of a file's entry (ctime) differs for a copy that keeps the modification time.
+        state = [(str(file.absolute()), (at := file.stat()).st_size, at.st_mtime_ns, at.st_ctime_ns) for file in files]
+        key, hashes = hashlib.sha256(repr(state).encode()).hexdigest(), _hashes(folder)
+        if key not in hashes:
+            hashes[key] = hashlib.sha256("".join(map(_digest, files)).encode()).hexdigest()
     return hashes[key]
 
 
 def store_hashes(folder: Path) -> None:
     """Write the hashes of this process into a cache folder."""
-    stored = _stored_hashes(folder)
-    if not _hashes(folder).items() <= stored.items():
-        atomic.write_text(folder / HASHES, json.dumps(stored | _hashes(folder), indent=0))
+    atomic.write_text(folder / HASHES, json.dumps(_hashes(folder), indent=0))
 
 
 def _digest(file: Path) -> str:
-    with atomic.file_errors(file, "read"), file.open("rb") as stream:
+    with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 @functools.cache
 def _hashes(folder: Path | None) -> dict[str, str]:
     """State of the files of a light field -> its content hash; one dictionary per process and folder."""
-    return {} if folder is None else _stored_hashes(folder)
-
-
-def _stored_hashes(folder: Path) -> dict[str, str]:
-    # A missing or damaged file costs only time.
-    with suppress(OSError, ValueError, TypeError):
-        return dict(json.loads((folder / HASHES).read_text(encoding="utf-8")))
+    with suppress(OSError, ValueError):  # a missing or damaged file costs only time
+        return dict(json.loads((folder / HASHES).read_text("utf-8"))) if folder else {}
     return {}

@@ -21,7 +21,7 @@ from lfref import encoding as encodings
 from lfref.data.cache import Field, decoded
 from lfref.data.labels import Labels, RenderedLabels
 from lfref.encoding import LINEAR
-from lfref.errors import InputError, counted
+from lfref.errors import InputError
 from lfref.lightfield import LightField
 
 FLAT = 1 / 255
@@ -35,34 +35,23 @@ MOST_WORKERS = 8
 class Crop(TypedDict):
     """A patch and its margin, as stored."""
 
-    samples: Tensor
-    """[V, U, C, h, w]."""
-    weight: NotRequired[Tensor]
-    """[V, U, 1, h, w]."""
+    samples: Tensor  # [V, U, C, h, w]
+    weight: NotRequired[Tensor]  # [V, U, 1, h, w]
     encoding: str
-    window: Tensor
-    """First row and column of the patch in the crop, [2]."""
-    where: str
-    """Light field and top left corner of the patch, NAME@TOP,LEFT."""
-    resampled: int
-    """Number of flat patches that were drawn before."""
-    labels: NotRequired[Tensor]
-    """Rendered labels of the patch, [N, C, p, p]."""
+    window: Tensor  # first row and column of the patch in the crop, [2]
+    where: str  # light field and top left corner of the patch, NAME@TOP,LEFT
+    resampled: int  # number of flat patches that were drawn before
+    labels: NotRequired[Tensor]  # rendered labels of the patch, [N, C, p, p]
 
 
 class Batch(TypedDict):
     """Patches of one or more light fields, on the device of the network."""
 
-    views: Tensor
-    """Views of the patches in [0, 1], [P, V, U, C, p, p]."""
-    labels: Tensor
-    """Labels of the patches, [P, N, C, p, p]."""
-    slopes: Tensor
-    """Slopes of the labels' planes, in pixels per view step, float64, [N]."""
-    where: list[str]
-    """Light field and top left corner of each patch, P entries."""
-    resampled: int
-    """Number of flat patches that were drawn again."""
+    views: Tensor  # in [0, 1], [P, V, U, C, p, p]
+    labels: Tensor  # [P, N, C, p, p]
+    slopes: Tensor  # of the labels' planes, in pixels per view step, float64, [N]
+    where: list[str]  # light field and top left corner of each patch, P entries
+    resampled: int  # number of flat patches that were drawn again
 
 
 class Source(abc.ABC):
@@ -99,8 +88,7 @@ class Crops(Dataset[Crop]):
             random = np.random.default_rng((self.seed, epoch, index, number))
             if (crop := self._drawn(field, random)) is not None:
                 return crop
-        got, remedy = f"none in {counted(len(self.source), 'light field')}", "give other fields, or a larger data.patch"
-        raise InputError("light fields must have patches that are not flat", got=got, remedy=remedy)
+        raise InputError("light fields must have patches that are not flat", got="none", remedy="look at data.path")
 
     def _field(self, index: int, epoch: int) -> Field:
         """The field at a place; the last one stays, since its crops follow each other."""

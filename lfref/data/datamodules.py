@@ -6,7 +6,7 @@ import hashlib
 import logging
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple
 from pathlib import Path
@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from lightning.pytorch import LightningDataModule
 from rich.progress import track
-from torch import Tensor
 
 import lfref
 from lfref.captures import correct as corrections
@@ -24,7 +23,7 @@ from lfref.data import cache
 from lfref.data.cache import Field, keep, kept
 from lfref.data.crops import Batch, Crops, EpochLoader, EpochSampler, Source, collated, epoch_loader, labelled
 from lfref.data.labels import Labels, RenderedLabels
-from lfref.errors import InputError, LfrefError, counted
+from lfref.errors import InputError, counted
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.simulator.scene import Scene
@@ -46,26 +45,17 @@ PAPER_TEST = (*(f"IMG_{number}_eslf" for number in _NUMBERS.split()), *map(str.c
 """Names of the 30 Scenes test set (Kalantari et al. 2016), on which the paper reports."""
 
 
-_COPY = re.compile(r"^copy[ _.-]*of\b[ _.-]*|[ _.-]*(\(\d+\)|\bcopy([ _.-]*\d+)?)$")
-"""Parts of names that mark a copy."""
 _NUMBERED = re.compile(rf"img0*({_NUMBERS.replace(' ', '|')})(?!\d)")
 
 
 def without_test_set(paths: Sequence[Path]) -> list[Path]:
-    """Light fields whose names are not in `PAPER_TEST`, in any spelling.
+    """Light fields whose names are not in `PAPER_TEST`.
 
-    Case, separators, `eslf` and marks of a copy do not matter. `IMG` with a number of the list counts anywhere in the
-    name (`IMG-1085 cropped`). `Cars` and the other words count only alone (not `Cars_at_night`).
+    Case, separators and `eslf` do not matter. `IMG` with a number of the list counts anywhere in the name
+    (`IMG-1085 cropped`); `Cars` and the other words count only alone (not `Cars_at_night`).
     """
-    others = []
-    for path in paths:
-        name = path.stem.lower().replace("_", " ")
-        while (shorter := _COPY.sub("", name)) != name:
-            name = shorter
-        name = re.sub(r"[\s.-]|eslf", "", name)
-        if name not in _WORDS and not _NUMBERED.search(name):
-            others.append(path)
-    return others
+    names = (re.sub(r"[\s._-]|eslf", "", path.stem.lower()) for path in paths)
+    return [path for path, name in zip(paths, names, strict=True) if name not in _WORDS and not _NUMBERED.search(name)]
 
 
 def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path], list[Path]]:
@@ -81,14 +71,10 @@ def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path]
     return train, [path for i, path in enumerate(usable) if i in chosen]
 
 
-def without_leaks(
-    train: Sequence[Path], held: Sequence[Path], content: Callable[[Path], str] = cache.content_hash
-) -> tuple[list[Path], list[Path]]:
-    """Training fields whose content is not held out, and all other training fields, by a function that hashes them."""
-    forbidden = {content(path) for path in held}
-    clean = [path for path in train if content(path) not in forbidden]
-    kept = set(clean)
-    return clean, [path for path in train if path not in kept]
+def without_leaks(train: Sequence[Path], held: Sequence[Path], folder: Path | None = None) -> list[Path]:
+    """Training fields whose content is not held out; a cache folder keeps hashes of the content."""
+    forbidden = {cache.content_hash(path, folder) for path in held}
+    return [path for path in train if cache.content_hash(path, folder) not in forbidden]
 
 
 class PatchData(LightningDataModule, abc.ABC):
@@ -116,9 +102,6 @@ class PatchData(LightningDataModule, abc.ABC):
         label_margin: bool = True,
     ) -> None:
         super().__init__()
-        if min(patch, patches_per_field, fields_per_batch) < 1:
-            expected = "patch, patches_per_field and fields_per_batch must be at least 1"
-            raise InputError(expected, got=(patch, patches_per_field, fields_per_batch))
         self.labels = labels
         self.patch = patch
         self.patches_per_field = patches_per_field
@@ -139,9 +122,6 @@ class PatchData(LightningDataModule, abc.ABC):
     def setup(self, stage: str) -> None:
         """Open the sources; Lightning calls this in every process."""
         self.train, self.validation = self.sources()
-        if not (len(self.train) and len(self.validation)):
-            expected = "data must have light fields to train on and to hold out"
-            raise InputError(expected, got=f"{len(self.train)} and {len(self.validation)}", remedy="look at data.path")
 
     def train_dataloader(self) -> EpochLoader:
         """Batches in a new order and with new corners each epoch."""
@@ -213,24 +193,23 @@ class FolderData(PatchData):
         """Decode the fields that the cache lacks. Lightning calls this first, in one process per machine."""
         self.cache_folder.mkdir(parents=True, exist_ok=True)
         train, held, _ = self._paths()
-        paths = [*without_leaks(train, held, self._content)[0], *held]
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            errors = [error for error in track(pool.map(self._failure, paths), "decoding", len(paths)) if error]
+        paths = [*without_leaks(train, held, self.cache_folder), *held]
         cache.store_hashes(self.cache_folder)
-        if errors:
-            expected = f"all {counted(len(paths), 'light field')} must be usable"
-            raise LfrefError(expected, got=f"{len(errors)} that are not: {errors[0]}", remedy="the others are decoded")
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            for _ in track(pool.map(self.open, paths), "decoding", len(paths)):
+                pass
 
     def sources(self) -> tuple[Source, Source]:
         """Fields of the folders; the log names the fields that are left out of training."""
         train, held, test_set = self._paths()
-        _warn("in the paper's test set", test_set)
-        train, leaks = without_leaks(train, held, self._content)
-        _warn("held out too", leaks)
-        if not train:
+        clean = without_leaks(train, held, self.cache_folder)
+        for reason, paths in (("in the paper's test set", test_set), ("held out too", set(train).difference(clean))):
+            if paths:
+                log.warning("left out of training, %s: %s", reason, ", ".join(sorted(path.name for path in paths)))
+        if not clean:
             remedy = "hold out other fields than those you train on"
             raise InputError("no light field is left to train on", remedy=remedy)
-        return FolderSource(train, self.open), FolderSource(held, self.open)
+        return FolderSource(clean, self.open), FolderSource(held, self.open)
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
         """Training fields, held-out fields, and fields that are neither because of their names."""
@@ -240,17 +219,6 @@ class FolderData(PatchData):
         else:
             train, held = without_test_set(fields), reader.find(self.validation_path)
         return train, held, set(fields).difference(train, held)
-
-    def _content(self, path: Path) -> str:
-        return cache.content_hash(path, self.cache_folder)
-
-    def _failure(self, path: Path) -> str | None:
-        """Decode a field, unless the cache has it; the reason if that fails."""
-        try:
-            self.open(path)
-        except LfrefError as error:
-            return str(error)
-        return None
 
 
 class FolderSource(Source):
@@ -266,12 +234,6 @@ class FolderSource(Source):
     def field(self, index: int, epoch: int = 0) -> Field:
         """The light field at that place."""
         return self.open(self.paths[index])
-
-
-def _warn(reason: str, paths: Iterable[Path]) -> None:
-    """Log the names of light fields that are left out of training."""
-    if names := ", ".join(sorted(path.name for path in paths)):
-        log.warning("left out of training, %s: %s", reason, names)
 
 
 HELD_OUT = 1 << 32
@@ -320,6 +282,10 @@ class SimulatedData(PatchData):
         return self.streams
 
 
+TRUTH, WEIGHT = ".truth.npy", ".weight.npy"
+"""Ends of the names of files with photographs and weights that are kept."""
+
+
 class SimulatedSource(Source):
     """Simulated scenes, each fixed by (seed, epoch, index).
 
@@ -341,9 +307,6 @@ class SimulatedSource(Source):
         correct: str = NONE,
         kept_in: Path | None = None,
     ) -> None:
-        if n_fields < 1 or seed < 0:
-            got = f"n_fields={n_fields}, seed={seed}"
-            raise InputError("a simulated source needs at least one field, and a seed >= 0", got=got)
         self.n_fields, self.seed, self.planes, self.correct = n_fields, seed, planes, correct
         self.scenes = Fixed((scenes,)) if isinstance(scenes, Scene) else scenes
         # The painted scene must extend far enough for the planes: views and photographs share it.
@@ -384,17 +347,7 @@ class SimulatedSource(Source):
         assert views is not None
         light = LightField(scene.sensor.encoding.decode(views.clamp(0, 1)), scene.name)
         corrected, _ = corrections.correct(light, self.correct, even_grid_for=cache.EVEN_GRID)
-        truth = _photograph(simulation, self.planes) if self.planes else None
+        truth = simulation.run(["truth"], self.planes).truth if self.planes else None
+        if truth is not None:  # in the brightness and colours of the views
+            truth = scene.sensor.encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
         return Field(scene.name, corrected.views, corrected.weight, truth=truth)
-
-
-TRUTH, WEIGHT = ".truth.npy", ".weight.npy"
-"""Ends of the names of files with photographs and weights that are kept."""
-
-
-def _photograph(simulation: Simulation, slopes: tuple[float, ...]) -> Tensor:
-    """The truth in the brightness and colours of the views, clipped and decoded like them."""
-    truth = simulation.run(["truth"], slopes).truth
-    assert truth is not None
-    sensor = simulation.scene.sensor
-    return sensor.encoding.decode(developed(truth, sensor).clamp(0, 1))

@@ -44,7 +44,7 @@ class OperatorLabels(Labels):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """Name of the labels in tables and legends."""
+        """Name of the refocuser."""
         return self.refocuser.name
 
     def margin(self, grid: tuple[int, int]) -> int:

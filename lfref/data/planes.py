@@ -5,11 +5,12 @@ determine an item. `PlaneData` draws crops of a set for training, and whole plan
 Letters: `N` planes, `B` planes of a batch, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
+import functools
 import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
 
@@ -26,13 +27,10 @@ from lfref.captures import correct as corrections
 from lfref.captures.correct import AUTO
 from lfref.data.cache import EVEN_GRID
 from lfref.data.crops import EpochLoader, EpochSampler, epoch_loader
-from lfref.errors import InputError
 from lfref.io import atomic
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
-from lfref.nets.refiner import Refiner
-from lfref.refocuser.features import FEATURES, RefinerInputs, check_names, refiner_inputs
-from lfref.refocuser.networks import refiner_entry
+from lfref.refocuser.features import FEATURES, refiner_inputs
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
@@ -47,21 +45,21 @@ NEAR = 0.15
 
 @dataclass(frozen=True)
 class Recipe:
-    """All choices that determine the items of a set. Values of a tuple are drawn with equal probability."""
+    """All choices that determine the items of a set. Values of a list are drawn with equal probability."""
 
     scenes: RandomScenes
     """Distribution of the scenes; their grid is one of `grids`."""
     base: OperatorRefocuser
     """Method whose pictures are corrected."""
-    features: tuple[str, ...] = FEATURES
+    features: Sequence[str] = FEATURES
     """Names of the features that the refiner reads, candidates first."""
     seed: int = 0
     """Seed of all items."""
-    grids: tuple[tuple[int, int], ...] = ((7, 7),)
+    grids: Sequence[tuple[int, int]] = ((7, 7),)
     """View rows and columns."""
-    samples: tuple[int, ...] = (1, 2)
+    samples: Sequence[int] = (1, 2)
     """Samples of a camera along each axis of a pixel; with more than one, views alias."""
-    depths: tuple[float, ...] = (0.5, 1.0, 1.0, 2.0, 5.0)
+    depths: Sequence[float] = (0.5, 1.0, 1.0, 2.0, 5.0)
     """Factors of the scenes' disparities; one entry is drawn for each scene."""
     plain: float = 0.35
     """Share of scenes with matte surfaces that stand still, and without a sensor: methods refocus them best."""
@@ -73,75 +71,28 @@ class Recipe:
     """Share of slopes that are rounded to whole numbers, at which no view is read between its pixels."""
     n_near: int = 3
     """Number of planes near focus, at disparities that occur in the scene."""
-    ranges: tuple[tuple[float, float], ...] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
+    ranges: Sequence[tuple[float, float]] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
     """Ranges of slopes; each range gives a further plane."""
     correct: str = AUTO
     """`none`, `auto` or a file of corrections; `auto` gets a white picture of cameras with vignetting."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "grids", tuple(map(tuple, self.grids)))
-        object.__setattr__(self, "ranges", tuple(map(tuple, self.ranges)))
-        for name in ("features", "samples", "depths"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        check_names(self.features)
-        has_all = all((self.grids, self.samples, self.depths, self.n_near + len(self.ranges)))
-        if not has_all or min(self.plain, self.ideal, 1 - self.plain - self.ideal, self.flat, 1 - self.flat) < 0:
-            shares = (self.plain, self.flat, self.ideal, self.whole)
-            got = (self.grids, self.samples, self.depths, self.n_near, self.ranges, *shares)
-            expected = "a set needs grids, samples, depths, planes, and shares from 0 to 1, plain plus ideal too"
-            raise InputError(expected, got=got)
-
-    def description(self) -> dict[str, Any]:
-        """All values of the recipe in plain containers."""
+    def key(self) -> str:
+        """SHA-256 of all values and of `VERSION`."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         # The name of a method does not include its options.
-        options = getattr(self.base.operator, "keywords", {})
-        return values | {"scenes": asdict(self.scenes), "base": self.base.name, "options": options}
-
-    def inputs(self, light: LightField, planes: Tensor) -> RefinerInputs:
-        """What the network reads of planes [N] of a light field."""
-        return next(refiner_inputs(light, planes, self.base, self.features))
-
-    def entry(self, net: Refiner) -> dict[str, Any]:
-        """The entry of checkpoints from which `lfref.load` builds a network of these planes again."""
-        return refiner_entry(net, self.base, self.features)
-
-    def check(self, net: Refiner) -> None:
-        """Raise an InputError if the network does not read what `inputs` makes."""
-        check_names(self.features, net.n_candidates)
-
-    def key(self) -> str:
-        """SHA-256 of the description and of `VERSION`.
-
-        Only values of the scenes that differ from their defaults count, so that a new field of a scene or a sensor
-        changes no key.
-        """
-        parts = [self.description() | {"scenes": _changed_fields(self.scenes)}, VERSION]
+        base = [self.base.name, getattr(self.base.operator, "keywords", {})]
+        parts = values | {"scenes": asdict(self.scenes), "base": base, "version": VERSION}
         return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
-
-
-def _changed_fields(value: Any) -> Any:
-    """Fields of a dataclass that differ from their defaults, also in nested dataclasses; any other value as it is."""
-    if not is_dataclass(value):
-        return value
-    named = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
-    changed = {name: _changed_fields(now) for name, (now, default) in named.items() if now != default}
-    return {"kind": type(value).__name__, **changed}
 
 
 class Item(NamedTuple):
     """Planes of one light field."""
 
-    features: Tensor
-    """Features of the pictures, [N, K, H, W]."""
-    pictures: Tensor
-    """Pictures to correct, [N, C, H, W]."""
-    error_scale: Tensor
-    """Expected error of the pictures, [N, 1, H, W]."""
-    missing: Tensor
-    """Truth minus pictures, [N, C, H, W]."""
-    slopes: Tensor
-    """Slopes of the planes in pixels per view step, float64, [N]."""
+    features: Tensor  # of the pictures, [N, K, H, W]
+    pictures: Tensor  # to correct, [N, C, H, W]
+    error_scale: Tensor  # expected error of the pictures, [N, 1, H, W]
+    missing: Tensor  # truth minus pictures, [N, C, H, W]
+    slopes: Tensor  # of the planes in pixels per view step, float64, [N]
 
 
 @torch.no_grad()
@@ -165,14 +116,14 @@ def make(recipe: Recipe, index: int) -> Item:
     light, _ = corrections.correct(recorded, recipe.correct, white, EVEN_GRID)
     target = encoding.decode(developed(truth, scene.sensor).clamp(0, 1))
     planes = torch.tensor(slopes, dtype=torch.float64)
-    inputs = recipe.inputs(light, planes)
+    inputs = next(refiner_inputs(light, planes, recipe.base, recipe.features))
     return Item(*inputs, target - inputs.pictures, planes)
 
 
 def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
-    depth, grid = float(random.choice(recipe.depths)), recipe.grids[random.integers(len(recipe.grids))]
+    depth, grid = float(random.choice(recipe.depths)), recipe.grids[int(random.integers(len(recipe.grids)))]
     low, high = recipe.scenes.disparities
-    samples = recipe.samples[random.integers(len(recipe.samples))]
+    samples = recipe.samples[int(random.integers(len(recipe.samples)))]
     drawn = replace(recipe.scenes, camera=replace(recipe.scenes.camera, grid=grid, samples=samples))
     kind = random.random()
     if kind < recipe.plain:
@@ -209,21 +160,18 @@ def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), col
         return Item(**{name: file.get_slice(name)[planes, :, rows, columns] for name in names}, slopes=slopes)
 
 
+IMAGES = "features", "pictures", "error_scale", "missing"
+"""Parts of an item that are images, one a plane."""
+
+
 class PlaneBatch(TypedDict):
     """Crops of planes."""
 
-    features: Tensor
-    """Features of the pictures, [B, K, H, W]."""
-    pictures: Tensor
-    """Classical pictures that the refiner corrects, [B, C, H, W]."""
-    error_scale: Tensor
-    """Expected error of the pictures, [B, 1, H, W]."""
-    missing: Tensor
-    """Truth minus pictures, [B, C, H, W]."""
-    where: list[str]
-    """Names of the item's file and its plane, B entries."""
-    resampled: int
-    """Always 0: crops of planes are never drawn again, unlike patches of light fields."""
+    features: Tensor  # of the pictures, [B, K, H, W]
+    pictures: Tensor  # classical pictures that the refiner corrects, [B, C, H, W]
+    error_scale: Tensor  # expected error of the pictures, [B, 1, H, W]
+    missing: Tensor  # truth minus pictures, [B, C, H, W]
+    where: list[str]  # names of the item's file and its plane, B entries
 
 
 class PlaneCrops(Dataset[PlaneBatch]):
@@ -236,9 +184,6 @@ class PlaneCrops(Dataset[PlaneBatch]):
     def __init__(self, paths: Sequence[Path], crop: int, seed: int) -> None:
         self.paths, self.crop, self.seed = paths, crop, seed
         self.n_planes, _, *self.size = read(paths[0]).pictures.shape
-        if crop > min(self.size):
-            size = "x".join(map(str, self.size))
-            raise InputError(f"crops must be at most as large as the planes, {size}", got=crop)
 
     def __len__(self) -> int:
         return len(self.paths) * self.n_planes
@@ -250,8 +195,8 @@ class PlaneCrops(Dataset[PlaneBatch]):
         firsts = (int(random.integers(length - self.crop + 1)) for length in self.size)
         box = (slice(first, first + self.crop) for first in firsts)
         parts = read(path, slice(plane, plane + 1), *box)[:-1]
-        images = turned(torch.cat(parts, 1).float(), random)
-        return _batch(images.split([part.shape[1] for part in parts], 1), [f"{path.name}, plane {plane}"])
+        images = turned(torch.cat(parts, 1).float(), random).split([part.shape[1] for part in parts], 1)
+        return PlaneBatch(**dict(zip(IMAGES, images, strict=True)), where=[f"{path.name}, plane {plane}"])  # type: ignore
 
 
 class WholePlanes(Dataset[PlaneBatch]):
@@ -265,14 +210,9 @@ class WholePlanes(Dataset[PlaneBatch]):
 
     def __getitem__(self, key: tuple[int, ...]) -> PlaneBatch:
         path = self.paths[key[1]]
-        parts = [part.float() for part in read(path)[:-1]]
-        return _batch(parts, [f"{path.name}, plane {plane}" for plane in range(len(parts[0]))])
-
-
-def _batch(parts: Sequence[Tensor], where: list[str]) -> PlaneBatch:
-    features, pictures, error_scale, missing = parts
-    images = {"features": features, "pictures": pictures, "error_scale": error_scale, "missing": missing}
-    return PlaneBatch(**images, where=where, resampled=0)  # type: ignore[typeddict-item]
+        images = [part.float() for part in read(path)[:-1]]
+        where = [f"{path.name}, plane {plane}" for plane in range(len(images[0]))]
+        return PlaneBatch(**dict(zip(IMAGES, images, strict=True)), where=where)  # type: ignore
 
 
 def turned(image: Tensor, random: np.random.Generator) -> Tensor:
@@ -284,23 +224,8 @@ def turned(image: Tensor, random: np.random.Generator) -> Tensor:
 
 def together(items: Sequence[PlaneBatch]) -> PlaneBatch:
     """One batch of the planes of several items."""
-    names = ("features", "pictures", "error_scale", "missing")
-    parts = [torch.cat([item[name] for item in items]) for name in names]  # type: ignore[literal-required]
-    return _batch(parts, [place for item in items for place in item["where"]])
-
-
-class Missing(Dataset[str]):
-    """Items of a set that are made when they are asked for."""
-
-    def __init__(self, recipe: Recipe, paths: Sequence[Path]) -> None:
-        self.recipe, self.paths = recipe, paths
-
-    def __len__(self) -> int:
-        return len(self.paths)
-
-    def __getitem__(self, place: int) -> str:
-        write(self.paths[place], make(self.recipe, int(self.paths[place].stem)))
-        return self.paths[place].name
+    images = {name: torch.cat([item[name] for item in items]) for name in IMAGES}  # type: ignore
+    return PlaneBatch(**images, where=[place for item in items for place in item["where"]])  # type: ignore
 
 
 class PlaneData(LightningDataModule):
@@ -329,8 +254,6 @@ class PlaneData(LightningDataModule):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if not 0 < n_validation < n_fields:
-            raise InputError("n_validation must be from 1 to less than n_fields", got=(n_validation, n_fields))
         self.recipe = recipe
         self.folder = Path(cache_folder).expanduser() / "planes" / recipe.key()[:16]
         paths = [self.folder / f"{index:06d}{SUFFIX}" for index in range(n_fields)]
@@ -340,11 +263,10 @@ class PlaneData(LightningDataModule):
     def prepare_data(self) -> None:
         """Make the missing items in as many processes as there are cores. Lightning calls this in one process."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        missing = [path for path in (*self.held, *self.trained) if not path.is_file()]
-        makers = DataLoader(
-            Missing(self.recipe, missing), None, num_workers=os.cpu_count() or 1, worker_init_fn=_one_thread
-        )
-        for _ in track(makers if missing else (), "making planes", len(missing)):
+        missing: Any = [path for path in (*self.held, *self.trained) if not path.is_file()]
+        make_item = functools.partial(_make_item, self.recipe)
+        makers = DataLoader(missing, None, num_workers=os.cpu_count() or 1, collate_fn=make_item) if missing else ()
+        for _ in track(makers, "making planes", len(missing)):
             pass
 
     def train_dataloader(self) -> EpochLoader:
@@ -358,5 +280,6 @@ class PlaneData(LightningDataModule):
         return epoch_loader(self, WholePlanes(self.held), EpochSampler(len(self.held), None), 1, together, self.workers)
 
 
-def _one_thread(worker: int) -> None:
-    torch.set_num_threads(1)
+def _make_item(recipe: Recipe, path: Path) -> str:
+    write(path, make(recipe, int(path.stem)))
+    return path.name

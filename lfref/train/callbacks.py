@@ -13,7 +13,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from lightning.fabric.loggers.csv_logs import _ExperimentWriter
@@ -23,6 +23,7 @@ from lightning.pytorch.loggers.csv_logs import ExperimentWriter
 from lightning.pytorch.loggers.logger import rank_zero_experiment
 from lightning.pytorch.plugins import TorchCheckpointIO
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 from lfref.data.crops import Batch
 from lfref.errors import InputError, LfrefError, counted
@@ -31,61 +32,43 @@ from lfref.io import atomic, images, tensor_files
 
 log = logging.getLogger(__name__)
 
-COUNTS = {"skipped": "max", "overflowed": "max", "resampled": "sum"}
+COUNTS = {"skipped": "max", "resampled": "sum"}
 """Counts of `StepGuard`, logged as `train/NAME` and kept across a resume -> how processes combine them."""
 PICTURE = "val/stack"
 """Name of the picture of patches that loggers get."""
-LEAST_SCALE = 1.0
-"""Least scale of float16's loss at which a gradient that is not finite counts as an overflow."""
-
-
-class BatchRecord(NamedTuple):
-    """Record of a batch until its step."""
-
-    where: list[str]
-    """Name of each patch."""
-    is_finite: dict[str, Tensor]
-    """Name of a tensor of images -> whether the images of each patch are finite, [P]."""
 
 
 class StepGuard(Callback):
     """Skips steps whose loss or gradient is not finite, and stops after too many in a row.
 
     A skipped step leaves weights, moments of the optimiser and running statistics unchanged. It is counted, and logged
-    with the patches that caused it. All processes of a distributed run decide alike without asking each other: a loss
-    that is not finite makes its gradients NaN, and DDP's mean of gradients carries these to all processes. A gradient
-    counts as finite if float32 holds its norm, since Adam squares its entries. Under float16, the loss scaler handles
-    an overflow by a smaller scale; such steps are counted separately.
+    with its patches. All processes of a distributed run decide alike without asking each other: a loss that is not
+    finite makes its gradients NaN, and DDP's mean of gradients carries these to all processes. A gradient counts as
+    finite if float32 holds its norm, since Adam squares its entries. Under float16, an overflow is left to the scaler
+    of the loss, which skips the step and tries a smaller scale.
 
     Args:
-        patience: Steps skipped in a row after which training stops, at least 1.
-
-    Raises:
-        InputError: The patience is below 1.
+        patience: Steps skipped in a row after which training stops.
     """
 
     def __init__(self, patience: int = 10) -> None:
-        if patience < 1:
-            raise InputError("patience must be at least 1", got=patience)
         self.patience = patience
         self.skipped = 0
         """Number of skipped steps."""
-        self.overflowed = 0
-        """Number of steps that the loss scaler of float16 skipped."""
         self.in_a_row = 0
         """Number of steps skipped since the last complete step."""
         self.resampled = 0
         """Number of flat patches that were replaced by other patches."""
-        self._window: list[BatchRecord] = []
+        self._places: list[str] = []
         self._losses: list[Tensor] = []
         self._statistics: list[Tensor] = []
 
     def on_train_batch_start(self, trainer: Trainer, module: Any, batch: Mapping[str, Any], batch_index: int) -> None:
         """Record the batch, and at the first batch of a step the running statistics."""
-        if not self._window:
+        if not self._places:
             self._statistics = [buffer.clone() for buffer in module.buffers()]
-        self._window.append(BatchRecord(batch["where"], finite_patches(batch)))
-        self.resampled += batch["resampled"]
+        self._places += batch["where"]
+        self.resampled += batch.get("resampled", 0)
 
     def on_before_backward(self, trainer: Trainer, module: Any, loss: Tensor) -> None:
         """Record the loss; one that is not finite makes all gradients NaN."""
@@ -100,20 +83,26 @@ class StepGuard(Callback):
             LfrefError: The weights are not finite, or too many steps in a row were skipped.
         """
         is_loss_finite, norm = torch.stack(self._losses).isfinite().all(), gradient_norm(module)
-        window, self._window, self._losses = self._window, [], []
+        places, self._places, self._losses = self._places, [], []
         if norm.isfinite():
             self.in_a_row = 0
             return
-        what = "gradient" if is_loss_finite else "loss"
-        places = ", ".join(place for batch in window for place in batch.where)
-        cause = "; ".join(not_finite(window)) or f"{what} of {places}"
         optimizer.zero_grad(set_to_none=True)
         for buffer, value in zip(module.buffers(), self._statistics, strict=True):
             buffer.copy_(value)
         refuse_corrupted(module.state_dict(), "train from the last checkpoint with a lower learning rate")
-        scaler = getattr(trainer.precision_plugin, "scaler", None)  # float16 has one
-        could_overflow = bool(is_loss_finite) and scaler is not None and scaler.get_scale() >= LEAST_SCALE
-        self._count(trainer, cause, is_overflow=trainer.strategy.reduce_boolean_decision(could_overflow))
+        if is_loss_finite and getattr(trainer.precision_plugin, "scaler", None) is not None:
+            return
+        self.skipped += 1
+        self.in_a_row += 1
+        cause = f"{'gradient' if is_loss_finite else 'loss'} of {', '.join(places)}"
+        place = trainer.current_epoch, trainer.global_step
+        log.warning("epoch %d, step %d skipped (%d so far), not finite: %s", *place, self.skipped, cause)
+        if self.in_a_row >= self.patience:
+            raise LfrefError(
+                f"training needs steps with a finite loss and gradient; got none in {counted(self.in_a_row, 'step')}",
+                remedy=f"last cause: {cause}; lower optimizer.lr or set trainer.gradient_clip_val=1",
+            )
 
     def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Log the counts."""
@@ -136,21 +125,6 @@ class StepGuard(Callback):
         """Restore the counts."""
         vars(self).update(state)
 
-    def _count(self, trainer: Trainer, cause: str, is_overflow: bool) -> None:
-        if is_overflow:
-            self.overflowed += 1
-            log.debug("step %d overflowed float16; the loss scaler tries a smaller scale", trainer.global_step)
-            return
-        self.skipped += 1
-        self.in_a_row += 1
-        place = trainer.current_epoch, trainer.global_step
-        log.warning("epoch %d, step %d skipped (%d so far), not finite: %s", *place, self.skipped, cause)
-        if self.in_a_row >= self.patience:
-            raise LfrefError(
-                f"training needs steps with a finite loss and gradient; got none in {counted(self.in_a_row, 'step')}",
-                remedy=f"last cause: {cause}; lower optimizer.lr or set trainer.gradient_clip_val=1",
-            )
-
 
 class BestCheckpoint(ModelCheckpoint):
     """Lightning's own, which here remembers the best value also if the run folder has moved."""
@@ -165,27 +139,10 @@ class BestCheckpoint(ModelCheckpoint):
         return str(Path(self.dirpath or "") / Path(path).name) if path else ""
 
 
-def finite_patches(batch: Mapping[str, Any]) -> dict[str, Tensor]:
-    """For each tensor of images in a batch, [P, ...], whether the images of each patch are finite, [P]."""
-    images = {name: each for name, each in batch.items() if isinstance(each, Tensor) and each.ndim > 1}
-    return {name: each.isfinite().flatten(1).all(1) for name, each in images.items()}
-
-
 def gradient_norm(module: nn.Module) -> Tensor:
     """Norm of all gradients, in their type, a scalar."""
     gradients = [parameter.grad for parameter in module.parameters() if parameter.grad is not None]
     return nn.utils.get_total_norm(gradients) if gradients else torch.zeros(())
-
-
-def not_finite(window: list[BatchRecord]) -> list[str]:
-    """Texts `NAME of PATCH`, one for each patch whose images in the tensor NAME are not finite."""
-    return [
-        f"{name} of {place}"
-        for batch in window
-        for name, is_finite in batch.is_finite.items()
-        for place, is_good in zip(batch.where, is_finite.tolist(), strict=True)
-        if not is_good
-    ]
 
 
 def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:
@@ -199,15 +156,10 @@ class Initialization(Callback):
     """Starts a new network's weights on crops of its first batches (`lfref.nets.network.Network.initialize`).
 
     Args:
-        n_crops: Crops of all processes together, at least 1; fewer if an epoch has fewer.
-
-    Raises:
-        InputError: The number is below 1.
+        n_crops: Crops of all processes together; fewer if an epoch has fewer.
     """
 
     def __init__(self, n_crops: int = 24) -> None:
-        if n_crops < 1:
-            raise InputError("n_crops must be at least 1", got=n_crops)
         self.n_crops = n_crops
 
     def on_train_start(self, trainer: Trainer, module: Any) -> None:
@@ -216,7 +168,7 @@ class Initialization(Callback):
             return
         views, labels = [], []
         for batch in map(trainer.strategy.batch_to_device, trainer.train_dataloader):  # type: ignore[arg-type]
-            is_finite = torch.stack(list(finite_patches(batch).values())).all(0)
+            is_finite = batch["views"].isfinite().flatten(1).all(1) & batch["labels"].isfinite().flatten(1).all(1)
             views.append(batch["views"][is_finite])
             labels.append(batch["labels"][is_finite])
             if trainer.world_size * sum(map(len, views)) >= self.n_crops:
@@ -224,17 +176,6 @@ class Initialization(Callback):
         # Sums over the processes give all of them the start that all crops together would give.
         total = functools.partial(trainer.strategy.reduce, reduce_op="sum")
         module.net.initialize(torch.cat(views), batch["slopes"], torch.cat(labels), total)
-
-
-class HeldOutPatch(NamedTuple):
-    """Some planes of a held-out patch."""
-
-    mpsnr: float
-    """Mean PSNR over all planes in dB; minus infinity if the prediction is not finite."""
-    labels: Tensor
-    """Labels of the planes that are shown, [K, C, H, W]."""
-    stack: Tensor
-    """Predictions of these planes, [K, C, H, W]."""
 
 
 class StackPictures(Callback):
@@ -249,11 +190,12 @@ class StackPictures(Callback):
     def __init__(self, folder: str, slopes: Sequence[float] = (-7.0, 0.0, 0.5)) -> None:
         self.folder = Path(folder)
         self.slopes = tuple(slopes)
-        self._ends: list[HeldOutPatch] = []
+        self._patches: list[tuple[float, Tensor]] = []
+        """MPSNR in dB, minus infinity if a prediction is not finite, and picture of the worst and the best patch."""
 
     def on_validation_epoch_start(self, trainer: Trainer, module: Any) -> None:
         """Forget the patches of the last validation."""
-        self._ends = []
+        self._patches = []
 
     def on_validation_batch_end(
         self,
@@ -267,37 +209,29 @@ class StackPictures(Callback):
         """Keep the worst and the best patch so far."""
         if trainer.sanity_checking or not trainer.is_global_zero:
             return
-        planes = [nearest(module.planes.values, slope) for slope in self.slopes]
+        planes = [int((module.planes.slopes - slope).abs().argmin()) for slope in self.slopes]
         values = psnr(outputs.float(), batch["labels"].float()).mean(-1).nan_to_num(nan=-torch.inf)
         for value, labels, stack in zip(values.tolist(), batch["labels"], outputs, strict=True):
-            patch = HeldOutPatch(value, labels[planes], stack[planes])
-            first, last = (self._ends or [patch])[0], (self._ends or [patch])[-1]
-            self._ends = [min(first, patch, key=_quality), max(last, patch, key=_quality)]
+            patches = [*self._patches, (value, side_by_side(labels[planes], stack[planes]))]
+            self._patches = sorted(patches, key=lambda patch: patch[0])[:: max(1, len(patches) - 1)]
 
     def on_validation_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Write the picture: the worst patch on the left, the best on the right."""
-        if not self._ends:
+        if not self._patches:
             return
-        worst, best = self._ends
-        shown = [worst] if worst is best else [worst, best]
-        picture = beside([side_by_side(patch.labels, patch.stack) for patch in shown])
+        values, pictures = zip(*self._patches, strict=True)
+        picture = torch.cat([F.pad(each, (0, GAP), value=1.0) for each in pictures], -1)[..., :-GAP]
         images.write_image(self.folder / f"patches_{trainer.current_epoch:04d}.png", picture.permute(1, 2, 0).numpy())
-        caption = f"worst patch, {worst.mpsnr:.2f} dB, and best, {best.mpsnr:.2f} dB: labels, predictions, errors x 4"
+        caption = f"worst patch, {values[0]:.2f} dB, and best, {values[-1]:.2f} dB: labels, predictions, errors x 4"
         for logger in trainer.loggers:
             log_picture(logger, picture, trainer.global_step, caption)
-
-
-def _quality(patch: HeldOutPatch) -> float:
-    return patch.mpsnr
 
 
 class RankAgreement(Callback):
     """Refuses to train when the processes of a distributed run were configured differently.
 
     A sweeper under `ddp` starts each rank with its own draw of hyper-parameters, which would train nonsense.
-
-    Args:
-        fingerprint: Hash of this process's configuration.
+    `fingerprint` is a hash of this process's configuration.
     """
 
     def __init__(self, fingerprint: str) -> None:
@@ -315,65 +249,51 @@ class RankAgreement(Callback):
 
 
 class TrainingRecord(Callback):
-    """Writes number of parameters, wall time, device, best value and end of a training into a JSON file, with each
-    checkpoint.
+    """Writes size, wall time, device, best value and end of a training into a JSON file, with each checkpoint.
 
     Checkpoints keep the time, so that a resumed training adds to it. Work after the last checkpoint of a killed
     training does not count, since it is done again.
-
-    Args:
-        path: The file to write.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._before, self._start = 0.0, time.monotonic()
 
-    @property
-    def seconds(self) -> float:
-        """Seconds from the first step, validations included."""
-        return self._before + time.monotonic() - self._start
-
     def on_train_start(self, trainer: Trainer, module: Any) -> None:
         """Start the clock; a training that goes on is not finished any more."""
         self._start = time.monotonic()
-        self._write(trainer, module, is_finished=False)
+        self._write(trainer, module)
 
     def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
         """Write the file."""
-        self._write(trainer, module, is_finished=False)
+        self._write(trainer, module)
 
     def on_train_end(self, trainer: Trainer, module: Any) -> None:
         """Write that the training has reached its end; signals and errors do not get here."""
         self._write(trainer, module, is_finished=True)
 
     def state_dict(self) -> dict[str, float]:
-        """The time, as a checkpoint keeps it."""
-        return {"seconds": self.seconds}
+        """Seconds from the first step, validations included, as a checkpoint keeps them."""
+        return {"seconds": self._before + time.monotonic() - self._start}
 
     def load_state_dict(self, state: dict[str, float]) -> None:
         """Restore the time."""
         self._before = state["seconds"]
 
-    def _write(self, trainer: Trainer, module: Any, is_finished: bool) -> None:
+    def _write(self, trainer: Trainer, module: Any, is_finished: bool = False) -> None:
         if not trainer.is_global_zero:
             return
         device = trainer.strategy.root_device
         values = [each.best_model_score for each in trainer.checkpoint_callbacks if isinstance(each, BestCheckpoint)]
         record = {
             "n_parameters": sum(parameter.numel() for parameter in module.net.parameters()),
-            "seconds": self.seconds,
+            **self.state_dict(),
             "device": torch.cuda.get_device_name(device) if device.type == "cuda" else device.type,
             "processes": trainer.world_size,
             "best_value": next((float(value) for value in values if value is not None), None),
             "is_finished": is_finished,
         }
         atomic.write_text(self.path, json.dumps(record, indent=1) + "\n")
-
-
-def nearest(slopes: Sequence[float], slope: float) -> int:
-    """Index of the plane whose slope is nearest to `slope`."""
-    return min(range(len(slopes)), key=lambda i: abs(slopes[i] - slope))
 
 
 ERROR_GAIN = 4
@@ -385,23 +305,11 @@ GAP = 4
 def side_by_side(labels: Tensor, stack: Tensor) -> Tensor:
     """A row for each plane: its label, its prediction, and `ERROR_GAIN` times their absolute difference.
 
-    Args:
-        labels: Labels in [0, 1], [K, C, H, W].
-        stack: Predictions, [K, C, H, W].
-
-    Returns:
-        Picture in [0, 1], float32, CPU, [C, K H, 3 W].
+    Labels and predictions are [K, C, H, W], the picture [C, K H, 3 W], in [0, 1] and on the CPU.
     """
     truth, guess = (images.detach().float().cpu().nan_to_num().clamp(0, 1) for images in (labels, stack))
     errors = (ERROR_GAIN * (guess - truth).abs()).clamp(0, 1)
     return torch.cat([torch.cat(list(column), dim=-2) for column in (truth, guess, errors)], dim=-1)
-
-
-def beside(pictures: Sequence[Tensor]) -> Tensor:
-    """Pictures [C, H, W] of one height from left to right, with white gaps."""
-    gap = torch.ones(*pictures[0].shape[:2], GAP)
-    parts = [part for picture in pictures for part in (gap, picture)]
-    return torch.cat(parts[1:], dim=-1)
 
 
 def log_picture(logger: Any, picture: Tensor, step: int, caption: str = "", name: str = PICTURE) -> None:
@@ -411,7 +319,7 @@ def log_picture(logger: Any, picture: Tensor, step: int, caption: str = "", name
         pixels = (255 * picture.permute(1, 2, 0)).round().byte().numpy()
         shown = [pixels if pixels.shape[2] > 1 else pixels[..., 0]]
         logger.log_image(name, shown, step=step, caption=[caption])
-    elif hasattr(getattr(logger, "experiment", None), "add_image"):  # not all loggers have one
+    elif hasattr(logger.experiment, "add_image"):
         logger.experiment.add_image(name, picture, step)
 
 
@@ -441,9 +349,5 @@ class AtomicCheckpointIO(TorchCheckpointIO):
     """Writes checkpoints under a temporary name and renames them: a killed run leaves the last whole checkpoint."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
-        """Write plain containers and tensors to a file, which is replaced as a whole or not at all.
-
-        Raises:
-            FileError: The file cannot be written.
-        """
+        """Write plain containers and tensors to a file, which is replaced as a whole or not at all."""
         tensor_files.write_checkpoint(path, checkpoint)

@@ -3,7 +3,6 @@
 import abc
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -18,26 +17,22 @@ from lfref.data.planes import PlaneBatch, Recipe
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
-from lfref.losses.composite import TERMS, CompositeLoss, RelativeError
+from lfref.losses.composite import CompositeLoss, RelativeError
 from lfref.metrics.stack import GROUPS, MPSNR, MSSIM, Explained
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
 from lfref.nets.refiner import Refiner
+from lfref.refocuser.features import check_names
+from lfref.refocuser.networks import refiner_entry
 
 OptimizerFactory = Callable[[list[dict[str, Any]]], Optimizer]
 """Makes an optimiser from groups of parameters."""
 SchedulerFactory = Callable[[Optimizer], LRScheduler]
 EXPLAINED = {group: "val/explained" if group == "all" else f"val/explained_{group}" for group in GROUPS}
 """Names under which the share explained is logged, by the group of planes."""
-RESERVED = frozenset(
-    {"loss", "mpsnr", "mssim", "gain", *(name.removeprefix("val/") for name in EXPLAINED.values()), *TERMS}
-)
-"""Names of the values that validation logs anyway."""
 LEARNING_RATE = "train/lr"
 LOSS, MPSNR_OF_STACK, MSSIM_OF_STACK = "loss", "val/mpsnr", "val/mssim"
 """Names of logged values: `train/loss` and `val/loss`, and the quality of the stacks of validation."""
-METRICS = "metrics."
-"""Prefix of the weights of further metrics, such as LPIPS; checkpoints leave them out."""
 
 
 class Fitting(LightningModule, abc.ABC):
@@ -48,9 +43,6 @@ class Fitting(LightningModule, abc.ABC):
         optimizer: Function that makes the optimiser from the parameters.
         scheduler: Function that makes the schedule of its learning rate; None keeps the rate.
         metrics: Further metrics by name, logged as `val/NAME`; see `update_metrics`.
-
-    Raises:
-        InputError: A metric has the name of a value that is logged anyway.
     """
 
     end_rate = 1.0
@@ -67,19 +59,11 @@ class Fitting(LightningModule, abc.ABC):
         self.net: Any = net
         self.optimizer = optimizer
         self.scheduler = scheduler
-        if reserved := RESERVED & {*(metrics or {})}:
-            got = ", ".join(sorted(reserved))
-            raise InputError("metrics must have names of their own", got=got, remedy="rename them")
-        self.metric_names = list(metrics or {})
-        self.metrics: Any = nn.ModuleList((metrics or {}).values())
+        self.metrics: Any = nn.ModuleDict(metrics or {})
 
     @abc.abstractmethod
     def payload(self) -> dict[str, Any]:
         """Entry of checkpoints from which `lfref.load` builds the network again."""
-
-    def start_from(self, path: Path) -> None:
-        """Take the weights of a file, of a network of the same shape, to begin with; CheckpointError for others."""
-        checkpoints.start(self.net, path)
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """The network's output."""
@@ -87,38 +71,22 @@ class Fitting(LightningModule, abc.ABC):
         return output
 
     def update_metrics(self, images: Tensor, truth: Tensor) -> None:
-        """Update the further metrics with validation images and log them.
+        """Update the further metrics with validation images [..., C, H, W] and log them.
 
-        Args:
-            images: Output of the network, [..., C, H, W]. Metrics get [images, C, H, W], float32, clamped to [0, 1].
-            truth: Images of equal shape.
+        Metrics get [images, C, H, W], float32, clamped to [0, 1].
         """
         pair = [each.flatten(0, -4).float().clamp(0, 1) for each in (images, truth)]
-        for name, metric in zip(self.metric_names, self.metrics, strict=True):
+        for name, metric in self.metrics.items():
             metric.update(*pair)
             self.log(f"val/{name}", metric)
 
     def log_stage(self, stage: str, values: Mapping[str, Tensor], batch_size: int) -> None:
-        """Log means over all processes as `STAGE/NAME`: for `train` of a step, for `val` of the epoch.
-
-        Processes meet for `train` once in `trainer.log_every_n_steps` steps, whose values a logger takes.
-        """
-        is_step = stage == "train"
-        if is_step and self.trainer.world_size > 1:
-            every = self.trainer.log_every_n_steps  # type: ignore[attr-defined]  # which Lightning sets by name
-            if not every or (self.global_step + 1) % every:
-                return
-            packed = torch.stack([value.detach().float() for value in values.values()])
-            values = dict(zip(values, self.trainer.strategy.reduce(packed, reduce_op="mean"), strict=True))
-        named = {f"{stage}/{name}": value for name, value in values.items()}
-        self.log_dict(named, on_step=is_step, on_epoch=not is_step, batch_size=batch_size, sync_dist=not is_step)
+        """Log means over all processes as `STAGE/NAME`: for `train` of a step, for `val` of the epoch."""
+        is_step, named = stage == "train", {f"{stage}/{name}": value for name, value in values.items()}
+        self.log_dict(named, on_step=is_step, on_epoch=not is_step, batch_size=batch_size, sync_dist=True)
 
     def configure_optimizers(self) -> dict[str, Any]:  # type: ignore[override]
-        """The optimiser over all parameters of the network, and its schedule.
-
-        Raises:
-            InputError: The settings do not fit the optimiser or the schedule.
-        """
+        """The optimiser over all parameters of the network, and its schedule."""
         optimizer, schedule = self._optimization(self.parameter_groups())
         stepped = {"scheduler": schedule, "interval": interval_of(schedule)}
         return {"optimizer": optimizer} | ({"lr_scheduler": stepped} if schedule else {})
@@ -128,15 +96,11 @@ class Fitting(LightningModule, abc.ABC):
         self.log(LEARNING_RATE, float(optimizer.param_groups[0]["lr"]))
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Add what `lfref.load` needs; leave out the weights of metrics."""
+        """Add what `lfref.load` needs."""
         checkpoint["lfref"] = self.payload()
-        state = checkpoint["state_dict"]
-        checkpoint["state_dict"] = {name: value for name, value in state.items() if not name.startswith(METRICS)}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Use this run's settings of optimiser and schedule, not the checkpoint's; add weights of metrics."""
-        own = {name: value for name, value in self.state_dict().items() if name.startswith(METRICS)}
-        checkpoint["state_dict"] |= own
+        """Use this run's settings of optimiser and schedule, not the checkpoint's."""
         n_steps = {
             "epoch": checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"],
             "step": checkpoint["global_step"],
@@ -149,14 +113,10 @@ class Fitting(LightningModule, abc.ABC):
         return [list(self.net.parameters())]
 
     def _optimization(self, groups: list[list[nn.Parameter]]) -> tuple[Optimizer, LRScheduler | None]:
-        try:
-            optimizer = self.optimizer([{"params": group} for group in groups])
-            for group in optimizer.param_groups[1:]:
-                group["lr"] *= self.end_rate
-            schedule = self.scheduler(optimizer) if self.scheduler else None
-        except (TypeError, ValueError, ZeroDivisionError) as error:
-            raise InputError("optimizer and scheduler must have settings that fit them", got=error) from error
-        return optimizer, schedule
+        optimizer = self.optimizer([{"params": group} for group in groups])
+        for group in optimizer.param_groups[1:]:
+            group["lr"] *= self.end_rate
+        return optimizer, self.scheduler(optimizer) if self.scheduler else None
 
 
 class Refocusing(Fitting):
@@ -166,16 +126,11 @@ class Refocusing(Fitting):
         net: Views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
         loss: Named weighted terms.
         planes: Planes of the labels; they go into every checkpoint.
-        optimizer: Function that makes the optimiser from the parameters.
-        scheduler: Function that makes the schedule of its learning rate (`interval_of`); None keeps the rate.
+        optimizer: As in `Fitting`, like `scheduler` and `metrics`.
         end_rate: Learning rate of the network's first and last layers, as a share of the rate of the others. Inputs of
             RefNet's last convolution are positive and large: one step of Adam at the full rate would move an output
             by more than the range of most pictures.
         is_linear: Whether the data are linear light or encoded samples; this goes into every checkpoint.
-        metrics: Further metrics of refocused images by name, logged as `val/NAME`.
-
-    Raises:
-        InputError: The network makes another number of planes.
     """
 
     def __init__(
@@ -190,8 +145,6 @@ class Refocusing(Fitting):
         metrics: Mapping[str, Metric] | None = None,
     ) -> None:
         super().__init__(net, optimizer, scheduler, metrics)
-        if not 0 <= end_rate < math.inf:
-            raise InputError("end_rate must be finite and at least 0", got=end_rate)
         checkpoints.check_number(net, planes)
         self.end_rate = end_rate
         self.loss = loss
@@ -204,10 +157,9 @@ class Refocusing(Fitting):
     def parameter_groups(self) -> list[list[nn.Parameter]]:
         """As in `Fitting`: the first and last layers learn slowly, unless `end_rate` is 1."""
         ends = [] if self.end_rate == 1 else list(self.net.ends())
-        if not ends:
-            return super().parameter_groups()
         slow = {id(parameter) for parameter in ends}
-        return [[parameter for parameter in self.net.parameters() if id(parameter) not in slow], ends]
+        others = [parameter for parameter in self.net.parameters() if id(parameter) not in slow]
+        return [others, ends] if ends else [others]
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
         """The loss of one batch; every term is logged by its name."""
@@ -253,12 +205,7 @@ class Refining(Fitting):
         net: Features, pictures and error scale -> better pictures.
         loss: Function of refined pictures, truth, pictures and error scale.
         recipe: Recipe of the set of planes; its method and features go into every checkpoint.
-        optimizer: Function that makes the optimiser from the parameters.
-        scheduler: Function that makes the schedule of its learning rate (`interval_of`); None keeps the rate.
-        metrics: Further metrics of refined planes by name, logged as `val/NAME`.
-
-    Raises:
-        InputError: The first features of the recipe are no candidates.
+        optimizer: As in `Fitting`, like the arguments after it.
     """
 
     def __init__(
@@ -271,7 +218,7 @@ class Refining(Fitting):
         metrics: Mapping[str, Metric] | None = None,
     ) -> None:
         super().__init__(net, optimizer, scheduler, metrics)
-        recipe.check(net)
+        check_names(recipe.features, net.n_candidates)
         self.loss = loss
         self.recipe = recipe
 
@@ -293,7 +240,7 @@ class Refining(Fitting):
 
     def payload(self) -> dict[str, Any]:
         """The entry of `Fitting.payload`: the refiner's arguments, its method and its features."""
-        return self.recipe.entry(self.net)
+        return refiner_entry(self.net, self.recipe.base, self.recipe.features)
 
     def _loss(self, batch: PlaneBatch, output: Tensor, stage: str) -> Tensor:
         truth = batch["pictures"] + batch["missing"]
@@ -317,16 +264,13 @@ class WarmupCosine(LambdaLR):
 
     Args:
         optimizer: The optimiser.
-        total_steps: Steps of the whole training, at least 1.
+        total_steps: Steps of the whole training.
         warmup: Share of them in which the rate rises, [0, 1).
-
-    Raises:
-        ValueError: A number is out of range.
     """
 
     def __init__(self, optimizer: Optimizer, total_steps: int, warmup: float = 0.05) -> None:
-        if total_steps < 1 or not 0 <= warmup < 1:
-            raise ValueError(f"WarmupCosine needs total_steps >= 1 and 0 <= warmup < 1; got {total_steps}, {warmup}")
+        if total_steps < 1:  # such as trainer.max_steps=-1
+            raise InputError("a cosine by step needs the last step", got=total_steps, remedy="give trainer.max_steps")
         n_warm = max(1, round(warmup * total_steps))
 
         def factor(step: int) -> float:
@@ -339,13 +283,8 @@ class WarmupCosine(LambdaLR):
 def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
     """Replace the settings of optimiser and schedule in a checkpoint of Lightning, in place; the moments stay.
 
-    The new schedule repeats the steps of the old one: the learning rate is as if these settings held from the start.
-
-    Args:
-        checkpoint: Contents of the file.
-        optimizer: Optimiser with the new settings; its parameters do not matter.
-        schedule: Schedule of that optimiser.
-        n_steps: Number of steps of the schedule so far.
+    The new schedule repeats the `n_steps` of the old one: the learning rate is as if these settings held from the
+    start. The parameters of the new optimiser do not matter.
     """
     if schedule is not None:
         for _ in range(n_steps):

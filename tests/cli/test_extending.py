@@ -8,9 +8,7 @@ import pytest
 import torch
 
 from lfref import load
-from lfref.cli import config as configs
-from lfref.errors import CheckpointError, InputError
-from lfref.train.modules import Refocusing
+from lfref.errors import CheckpointError
 from tests.conftest import ROOT
 
 BLOCKS = re.compile(r"```\w*\n# ([\w./]+)\n(.*?)```", re.DOTALL)
@@ -47,13 +45,3 @@ def test_the_page_trains_with_parts_from_outside_and_refocuses_with_them(folder,
         line = ("refocus", folder / "0.npz", "reader.axes=vuchw", *words, f"output={tmp_path}/{len(words)}")
         status, errors = lfref(*line)
         assert status == 0, errors
-
-
-def test_a_part_that_does_not_fit_is_one_line(folder):
-    with pytest.raises(InputError, match="the configuration must fit what it describes"):
-        configs.build({"_target_": "lfref_extra.OneLayer", "no_such_option": 1})
-
-
-def test_names_of_further_metrics_must_be_free():
-    with pytest.raises(InputError, match="names of their own"):
-        Refocusing(None, None, None, None, metrics={"loss": None})

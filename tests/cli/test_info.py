@@ -33,17 +33,3 @@ def test_several_have_a_folder_each(lfref, scene, tmp_path):
     assert lfref("info", scene, flat, f"output={tmp_path}/out")[0] == 0
     assert json.loads((tmp_path / "out" / "flat" / "inspection.json").read_text())["slopes"] is None
     assert (tmp_path / "out" / "shards" / "inspection.png").is_file()
-
-
-def test_a_folder_of_one_capture_gets_a_folder_too(lfref, tmp_path):
-    write.write(tmp_path / "captures" / "only.exr", LightField(torch.full((3, 3, 3, 40, 50), 0.5)))
-    assert lfref("info", tmp_path / "captures", f"output={tmp_path}/out")[0] == 0
-    assert (tmp_path / "out" / "only" / "inspection.json").is_file()
-
-
-def test_what_is_no_light_field_ends_in_one_line(lfref, tmp_path):
-    (tmp_path / "notes.txt").write_text("nothing")
-    status, error = lfref("info", tmp_path / "notes.txt", f"output={tmp_path}/out")
-    assert status == 1
-    assert "must" in error
-    assert "Traceback" not in error

@@ -1,6 +1,5 @@
 """`lfref refocus`: a folder of results for each light field, with what was asked for in it."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -8,27 +7,13 @@ import time
 
 import numpy as np
 import OpenImageIO
-import pytest
 import torch
 
-from lfref.io.read import read, read_stack
+from lfref.io.read import read_stack
 from lfref.io.write import write
 from lfref.lightfield import LightField
-from tests.cli.test_bad_input import assert_one_line
-from tests.io import lytro_drawing
 
 QUICK = ("method=shift_and_sum", "slopes=[-0.5,0.5]")
-
-
-def test_one_bad_capture_does_not_stop_the_others(lfref, captures, tmp_path):
-    status, error = lfref("refocus", captures, f"output={tmp_path}/out", *QUICK)
-    assert status == 1
-    assert "all 3 light fields must be usable; got 1 that failed: second" in error.replace("\n", " ")
-    assert "second_01_01.png" in (tmp_path / "out" / "refocus.log").read_text()
-    assert "Traceback" not in error
-    for name in ("first one", "third"):
-        assert read_stack(tmp_path / "out" / name / "stack.exr")[0].shape == (2, 3, 32, 40)
-    assert not (tmp_path / "out" / "second").exists()
 
 
 def test_pictures_of_16_bits_and_jpegs(lfref, captures, tmp_path):
@@ -78,96 +63,33 @@ def test_a_run_that_was_killed_goes_on_and_leaves_the_same_files(lfref, tmp_path
     assert f"done: {len(done)} of 6 light fields" in (out / "refocus.log").read_text()
 
 
-def test_a_run_goes_on_with_those_that_failed_and_with_new_ones(lfref, captures, tmp_path):
-    assert lfref("refocus", captures, f"output={tmp_path}/out", *QUICK)[0] == 1
-    for name in ("second", "fourth"):
-        shutil.rmtree(captures / name, ignore_errors=True)
-        write(captures / name, LightField(torch.rand(3, 3, 3, 32, 40)))
-    status, error = lfref("refocus", f"resume={tmp_path}/out")
-    assert status == 0, error
-    assert {path.parent.name for path in (tmp_path / "out").glob("*/stack.exr")} == {
-        "first one", "second", "third", "fourth",
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("format=bmp",), "picture.bmp"),
-        (("bits=12",), "picture.png"),
-        (("quality=0",), "quality must be a number"),
-    ],
-)
-def test_pictures_that_cannot_be_written_are_refused_before_any_work(lfref, captures, tmp_path, words, said):
-    line = assert_one_line(*lfref("refocus", captures / "third", f"output={tmp_path}/out", *words))
-    assert said in line
-    assert not (tmp_path / "out" / "stack.exr").exists()
-
-
 def test_a_flat_wall_has_no_points_and_all_else(lfref, tmp_path):
     wall = write(tmp_path / "a wall", LightField(torch.full((3, 3, 3, 32, 40), 0.5)))
     words = ("points=true", "video=true", "disparity=true", "all_in_focus=true")
     status, error = lfref("refocus", wall, f"output={tmp_path}/out", *QUICK, *words)
     assert status == 1
-    assert "a wall must have pixels of confident disparity" in error
+    assert "confident disparity" in error
     assert {"sweep.mp4", "focus_map.png", "disparity"} <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
-@pytest.mark.slow
-def test_what_people_take_away_from_the_real_capture(lfref, lytro, tmp_path):
-    words = ("points=true", "video=true", "disparity=true", "planes=even", "planes.first=-1.2", "planes.last=0.3")
-    assert lfref("refocus", lytro, f"output={tmp_path}/out", *words, "planes.n=4", "reader.views=7")[0] == 0
-    _, _, data = (tmp_path / "out" / "points.ply").read_bytes().partition(b"end_header\n")
-    fields = [*((axis, "<f4") for axis in "xyz"), ("colour", "u1", 3), ("disparity", "<f4"), ("confidence", "<f4")]
-    points = np.frombuffer(data, fields)
-    assert len(points) > 0.5 * 383 * 552
-    # The head of the animal stands before the wall, though its disparity is smaller.
-    head = points[(abs(points["x"] + 120) < 30) & (abs(points["y"] + 20) < 10)]
-    wall = points[(abs(points["x"] + 120) < 30) & (abs(points["y"] - 130) < 30)]
-    assert np.median(head["z"]) > np.median(wall["z"]) + 50
-    assert np.median(head["disparity"]) < np.median(wall["disparity"]) - 0.5
-
-
-def test_raw_files_of_a_lytro_camera_and_its_calibration(lfref, tmp_path):
-    camera = lytro_drawing.F01
-    lattice, frame = lytro_drawing.true_lattice(camera), lytro_drawing.frame_record(camera)
-    picture, white = lytro_drawing.picture_samples(camera, lattice), lytro_drawing.white_samples(camera, lattice)
-    folder, calibration = tmp_path / "library", tmp_path / "calibration"
-    for made in (folder, calibration):
-        made.mkdir()
-    lytro_drawing.write_raw(folder / "IMG_0001.lfp", camera, picture, frame)
-    lytro_drawing.write_focal_stack(folder / "IMG_0001-stk.lfp", (0.0, 1.0), np.zeros((2, 2), np.float32))
-    for name, samples in ((folder / "IMG_0002__frame.raw", picture), (calibration / "MOD_0000.RAW", white)):
-        name.write_bytes(lytro_drawing.packed(samples, 12))
-        name.with_suffix(".json" if name.parent == folder else ".TXT").write_text(json.dumps(frame))
-    words = (
-        "method=shift_and_sum",
-        "method.operator.interpolation=cubic",
-        "slopes=[0.3,-0.3]",
-        "correct=none",
-        "exposure=1",
-    )
-    status, error = lfref("refocus", folder, f"reader.white={calibration}", f"output={tmp_path}/out", *words)
-    assert status == 0, error
-    stacks = [read_stack(tmp_path / "out" / name / "stack.exr")[0] for name in ("IMG_0001", "IMG_0002__frame")]
-    torch.testing.assert_close(*stacks, rtol=0, atol=0)
-    view = read(folder / "IMG_0001.lfp", white=calibration).views[3, 3]
-    # The scene is at slope .3.
-    errors = (stacks[0] - view)[..., 4:-4, 4:-4].square().mean(dim=(1, 2, 3))
-    assert errors[1] > 20 * errors[0], errors
-
-
-def test_one_command_begins_a_folder_of_captures_and_goes_on_with_it(lfref, captures, tmp_path):
+def test_a_bad_capture_stops_no_other_and_the_run_goes_on_with_it_and_with_new_ones(lfref, captures, tmp_path):
     words = ("refocus", captures, f"output={tmp_path}/out", "resume=auto", *QUICK)
-    assert lfref(*words)[0] == 1  # one capture cannot be read
+    status, error = lfref(*words)
+    assert status == 1
+    assert "all 3 light fields must be usable; got 1 that failed: second" in error.replace("\n", " ")
+    assert "second_01_01.png" in (tmp_path / "out" / "refocus.log").read_text()
+    assert not (tmp_path / "out" / "second").exists()
     stack = tmp_path / "out" / "third" / "stack.exr"
     first = stack.stat().st_mtime_ns
-    shutil.rmtree(captures / "second")
-    write(captures / "second", LightField(torch.rand(3, 3, 3, 32, 40)))
+    for name in ("second", "fourth"):
+        shutil.rmtree(captures / name, ignore_errors=True)
+        write(captures / name, LightField(torch.rand(3, 3, 3, 32, 40)))
     status, error = lfref(*words)
     assert status == 0, error
     assert stack.stat().st_mtime_ns == first
-    assert (tmp_path / "out" / "second" / "stack.exr").is_file()
+    assert {path.parent.name for path in (tmp_path / "out").glob("*/stack.exr")} == {
+        "first one", "second", "third", "fourth",
+    }  # fmt: skip
 
 
 def test_a_sweep_of_inputs_that_is_given_again_does_what_is_left(lfref, captures, tmp_path):
@@ -184,6 +106,6 @@ def test_a_sweep_of_inputs_that_is_given_again_does_what_is_left(lfref, captures
     assert status == 0, errors
     assert sheets[0].is_file()
     assert all(sheet.stat().st_mtime_ns == time_ns for sheet, time_ns in kept.items())
-    status, errors = lfref(*words, "method=shift_and_sum")
+    status, errors = lfref(*words, "correct=none")
     assert status == 1
     assert "must hold the same job of the sweep" in errors

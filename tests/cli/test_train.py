@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from lfref.cli import config as configs
 from lfref.cli import train as command
 from lfref.cli.train import _trainer
 from lfref.refocuser.load import load
@@ -49,13 +48,3 @@ def test_a_compiled_network_trains_as_the_plain_one_does_and_its_checkpoint_load
         torch.cat([weights.flatten() for weights in network.parameters()]).detach() for network in networks
     )
     assert compiled.allclose(plain, atol=2e-5)
-
-
-def test_compiling_and_the_memory_layout_are_off_by_default(composed):
-    networks = []
-    for words in ((), ("compile=true", "channels_last=true")):
-        config = composed("train", *TINY, *words)
-        networks.append(command.build_module(config, configs.build(config.data)).net)
-    assert [network._compiled_call_impl is not None for network in networks] == [False, True]
-    weights = [next(weights for weights in network.parameters() if weights.ndim == 4) for network in networks]
-    assert [each.is_contiguous(memory_format=torch.channels_last) for each in weights] == [False, True]

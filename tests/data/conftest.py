@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -34,11 +33,3 @@ def store(tmp_path: Path) -> Callable[..., Path]:
         return write.write(path.with_suffix(".exr") if kind == "exr" else path, field, bits=bits)
 
     return make
-
-
-@pytest.fixture
-def every_sample_of_16_bits(tmp_path: Path) -> Path:
-    """An ESLF image that holds every 16-bit number, one view of 256 x 256 pixels."""
-    path = tmp_path / "all.png"
-    images.write_image(path, np.arange(65536, dtype=np.uint16).reshape(256, 256, 1))
-    return path

@@ -1,5 +1,6 @@
 """A patch's label is the crop of the whole field's label; crops repeat; every rank gets its share."""
 
+import contextlib
 import functools
 import itertools
 
@@ -76,20 +77,19 @@ def test_without_a_margin_a_patch_is_a_light_field_of_its_own(operator):
 
 
 @pytest.mark.parametrize(
-    ("alphas", "grid", "margin"),
-    [((0.125, 2.0), (7, 7), 22), ((1.0,), (7, 7), 1), ((2.0,), (7, 7), 3), ((2.0,), (3, 9), 3), ((0.5,), (1, 1), 1)],
+    ("alphas", "grid", "options", "margin"),
+    [
+        ((0.125, 2.0), (7, 7), {}, 22),
+        ((1.0,), (7, 7), {}, 1),
+        ((2.0,), (3, 9), {}, 3),
+        ((0.5,), (1, 1), {}, 1),
+        # At alpha .125 the slope is -7: a cell of one view step blurs by seven pixels, taps on either side included.
+        ((0.125, 1.0), (7, 7), {"fill": 1.0}, 22 + 5),
+        ((0.125, 1.0), (7, 7), {"fill": 0.5}, 22 + 3),
+    ],
 )
-def test_the_margin_by_hand(alphas, grid, margin):
-    assert label_of(planes=planes_at_alphas(alphas)).margin(grid) == margin
-
-
-@pytest.mark.parametrize(
-    ("options", "margin"),
-    [({"fill": 1.0}, 22 + 5), ({"fill": 0.0}, 22), ({"fill": 0.5}, 22 + 3), ({"fill": 1.0, "disparity": 1.0}, 22 + 5)],
-)
-def test_the_margin_has_room_for_the_box_of_a_cell(options, margin):
-    # At alpha .125 the slope is -7: a cell of one view step blurs by seven pixels, taps on either side included.
-    assert label_of(planes=planes_at_alphas((0.125, 1.0)), **options).margin((7, 7)) == margin
+def test_the_margin_by_hand(alphas, grid, options, margin):
+    assert label_of(planes=planes_at_alphas(alphas), **options).margin(grid) == margin
 
 
 def test_stored_samples_are_decoded_and_photographs_cut():
@@ -110,24 +110,15 @@ def test_fields_with_and_without_weight_share_a_batch():
     assert batch["labels"].shape == (2, 4, 3, PATCH, PATCH)
 
 
-def test_crops_repeat_by_seed_epoch_field_and_number_and_by_nothing_else():
+def test_crops_repeat_by_seed_epoch_field_and_number_and_come_from_everywhere():
     def where(seed, *key):
         return Crops(Fields(noise(0), noise(1)), PATCH, label_of().margin, seed)[key]["where"]
 
-    torch.manual_seed(99)
     assert where(0, 1, 1, 0) == where(0, 1, 1, 0)
     assert len({where(0, 1, 1, 0), where(1, 1, 1, 0), where(0, 2, 1, 0), where(0, 1, 0, 0), where(0, 1, 1, 1)}) == 5
-
-
-def test_corners_reach_every_place_a_patch_fits_and_no_other():
     crops = Crops(Fields(noise(size=(8, 9))), 6, lambda grid: 0, 0)
     places = {crops[epoch, 0, number]["where"].partition("@")[2] for epoch in range(3) for number in range(40)}
     assert places == {f"{top},{left}" for top, left in itertools.product(range(3), range(4))}
-
-
-def test_a_patch_larger_than_the_field_is_refused_by_naming_the_field():
-    with pytest.raises(InputError, match=r"noise 0 must be at least 50 pixels.*got 40x44; set data\.patch"):
-        Crops(Fields(noise()), 50, lambda grid: 0, 0)[0, 0, 0]
 
 
 def card(index):
@@ -137,19 +128,14 @@ def card(index):
     return LightField(views, f"card {index}")
 
 
-def test_flat_patches_are_drawn_again_and_counted():
+def test_flat_patches_are_drawn_again_and_flat_fields_give_way_to_the_next():
     crops = Crops(Fields(*map(card, range(5))), 24, lambda grid: 0, 0)
     found = [crops[epoch, 3, number] for epoch in range(8) for number in range(6)]
     own = [crop for crop in found if crop["where"].startswith("card 3")]
     assert all(float(crop["samples"].max()) == 1 for crop in found)
     assert len(own) > 36
     assert sum(crop["resampled"] for crop in own) > 8
-
-
-def test_a_flat_field_gives_way_to_the_next_one_and_nothing_but_flat_ones_is_refused():
     assert Crops(Fields(card(0), card(1)), 60, lambda grid: 0, 0)[0, 0, 0]["where"].startswith("card 1")
-    with pytest.raises(InputError, match="patches that are not flat; got none in 1 light field"):
-        Crops(Fields(card(0)), 8, lambda grid: 0, 0)[0, 0, 0]
 
 
 @pytest.mark.parametrize(("level", "encoding", "is_flat"), [(0.8, None, True), (1.2, None, False), (1, SRGB, True)])
@@ -159,16 +145,8 @@ def test_a_patch_is_flat_below_one_level_of_linear_light(level, encoding, is_fla
     # One level of dark sRGB is less than one of linear light.
     field = LightField(views) if encoding is None else Field("", (255 * views).round().byte(), encoding=encoding)
     crops = Crops(Fields(field), 9, lambda grid: 0, 0)
-    if is_flat:
-        with pytest.raises(InputError, match="not flat"):
-            crops[0, 0, 0]
-    else:
-        assert crops[0, 0, 0]["resampled"] == 0
-
-
-def test_patches_that_are_not_finite_are_left_to_the_trainings_guard():
-    crops = Crops(Fields(LightField(torch.full((1, 1, 1, 9, 9), torch.nan))), 8, lambda grid: 0, 0)
-    assert bool(crops[0, 0, 0]["samples"].isnan().all())
+    with pytest.raises(InputError) if is_flat else contextlib.nullcontext():
+        crops[0, 0, 0]
 
 
 @pytest.mark.parametrize("world_size", [1, 2, 3])

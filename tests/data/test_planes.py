@@ -9,7 +9,6 @@ import torch
 
 from lfref.data import planes
 from lfref.data.planes import Item, PlaneCrops, PlaneData, Recipe, turned
-from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser.features import FEATURES
@@ -29,12 +28,11 @@ def equal(one, two):
 
 
 def test_items_are_fixed_by_recipe_and_number():
-    torch.manual_seed(1)
     first = planes.make(RECIPE, 3)
-    torch.manual_seed(2)
     assert equal(first, planes.make(RECIPE, 3))
-    for other in (planes.make(RECIPE, 4), planes.make(dataclasses.replace(RECIPE, seed=6), 3)):
+    for other in (planes.make(RECIPE, 4), planes.make(dataclasses.replace(RECIPE, seed=6, whole=1.0), 3)):
         assert not torch.equal(first.pictures, other.pictures)
+    assert torch.equal(other.slopes, other.slopes.round())
 
 
 def test_an_item_has_planes_near_focus_and_others_each_with_its_features():
@@ -55,21 +53,11 @@ def test_what_is_missing_makes_the_picture_of_a_lens():
         assert float((item.pictures + item.missing).min()) >= -1e-6
 
 
-def test_cameras_of_more_samples_leave_detail_that_aliases():
-    sharp, smooth = (
-        planes.make(dataclasses.replace(RECIPE, ideal=1.0, samples=samples), 1).pictures[0] for samples in ((2,), (1,))
-    )
-    steps = [float((picture[..., 1:] - picture[..., :-1]).abs().mean()) for picture in (sharp, smooth)]
-    assert steps[0] > 1.05 * steps[1]
-
-
-def test_scenes_with_a_sensor_are_the_same_scenes_and_their_pictures_worse():
-    noisy = dataclasses.replace(
-        RECIPE, scenes=dataclasses.replace(SCENES, sensor=RandomSensor(noise=1.0, shot=(0.01, 0.01)))
-    )
-    spoilt, ideal = (planes.make(dataclasses.replace(noisy, ideal=share), 1) for share in (0.0, 1.0))
-    assert torch.equal(spoilt.slopes, ideal.slopes)
-    assert float(spoilt.missing[:2].std()) > 1.1 * float(ideal.missing[:2].std())
+def test_flat_scenes_are_one_or_two_planes_that_face_the_camera():
+    slanted = dataclasses.replace(SCENES, slant=0.01, domes=1.0)
+    flat = dataclasses.replace(RECIPE, scenes=slanted, plain=1.0, flat=1.0, ideal=0.0)
+    facing = dataclasses.replace(flat, scenes=dataclasses.replace(SCENES, n_surfaces=(1, 2)), flat=0.0)
+    assert equal(planes.make(flat, 2), planes.make(facing, 2))
 
 
 def test_plain_scenes_are_matte_and_still_and_have_no_sensor():
@@ -77,31 +65,6 @@ def test_plain_scenes_are_matte_and_still_and_have_no_sensor():
     recipe = dataclasses.replace(RECIPE, scenes=varied, plain=1.0, ideal=0.0)
     bare = dataclasses.replace(recipe, scenes=dataclasses.replace(RandomScenes(varied.camera)), plain=0.0, ideal=1.0)
     assert equal(planes.make(recipe, 2), planes.make(bare, 2))
-
-
-def test_flat_scenes_are_one_or_two_planes_that_face_the_camera():
-    slanted = dataclasses.replace(SCENES, slant=0.01, domes=1.0)
-    flat = dataclasses.replace(RECIPE, scenes=slanted, plain=1.0, flat=1.0, ideal=0.0)
-    facing = dataclasses.replace(flat, scenes=dataclasses.replace(SCENES, n_surfaces=(1, 2)), flat=0.0)
-    assert equal(planes.make(flat, 2), planes.make(facing, 2))
-    assert not equal(planes.make(flat, 2), planes.make(dataclasses.replace(flat, flat=0.0), 2))
-
-
-def test_a_share_of_the_slopes_is_whole():
-    slopes = planes.make(dataclasses.replace(RECIPE, whole=1.0), 0).slopes
-    assert torch.equal(slopes, slopes.round())
-
-
-def test_cameras_with_vignetting_have_a_white_picture():
-    falling = dataclasses.replace(
-        RECIPE, ideal=0.0, scenes=dataclasses.replace(SCENES, sensor=RandomSensor(vignetting=1.0, field=(1.0, 1.0)))
-    )
-    errors = []
-    for recipe in (falling, dataclasses.replace(falling, correct="none")):
-        item = planes.make(recipe, 0)
-        corners = item.missing[..., ::39, ::43] / (item.pictures + item.missing)[..., ::39, ::43].clamp(min=0.05)
-        errors.append(float(corners.abs().mean()))
-    assert errors[0] < 0.2 * errors[1]
 
 
 def test_files_keep_what_is_missing_to_a_thousandth_of_it(tmp_path):
@@ -116,7 +79,7 @@ def test_files_keep_what_is_missing_to_a_thousandth_of_it(tmp_path):
     assert torch.equal(kept.slopes, item.slopes)
 
 
-def test_another_recipe_is_another_set(tmp_path):
+def test_another_recipe_or_version_is_another_set(tmp_path, monkeypatch):
     others = [
         dataclasses.replace(RECIPE, **change)
         for change in (
@@ -128,25 +91,9 @@ def test_another_recipe_is_another_set(tmp_path):
     ]  # fmt: skip
     keys = {recipe.key() for recipe in (RECIPE, *others)}
     assert len(keys) == len(others) + 1
-    assert PlaneData(RECIPE, str(tmp_path)).folder.name == RECIPE.key()[:16]
-
-
-def test_a_new_field_of_a_sensor_changes_no_key_but_a_new_version_does(monkeypatch):
-    before = RECIPE.key()
-    fields = [("bloom", tuple, (0.0, 0.0))]
-    newer = dataclasses.make_dataclass("RandomSensor", fields, bases=(RandomSensor,), frozen=True)
-    scenes = dataclasses.replace(SCENES, sensor=newer(noise=1.0, tone_curve=0.5))
-    assert dataclasses.replace(RECIPE, scenes=scenes).key() == before
+    assert PlaneData(RECIPE, str(tmp_path)).folder.name == (before := RECIPE.key())[:16]
     monkeypatch.setattr(planes, "VERSION", planes.VERSION + 1)
     assert RECIPE.key() != before
-
-
-@pytest.mark.parametrize(
-    "change", [{"grids": ()}, {"depths": ()}, {"n_near": 0, "ranges": ()}, {"ideal": 1.5}, {"flat": 2}]
-)
-def test_recipes_that_make_nothing_are_refused(change):
-    with pytest.raises(InputError, match="a set needs"):
-        dataclasses.replace(RECIPE, **change)
 
 
 @pytest.fixture
@@ -180,12 +127,6 @@ def test_missing_items_are_made_once_by_several_processes(tmp_path):
     assert equal(planes.read(paths[2]), planes.read(tmp_path / "alone.safetensors"))
 
 
-@pytest.mark.parametrize("n_validation", [0, 6])
-def test_there_must_be_items_to_hold_out_and_to_train_on(n_validation):
-    with pytest.raises(InputError, match="n_validation must be"):
-        PlaneData(RECIPE, "unused", n_fields=6, n_validation=n_validation)
-
-
 def test_features_pictures_and_what_is_missing_are_cropped_and_turned_alike(folder):
     batch = PlaneCrops(sorted(folder.glob("*.safetensors")), 16, 3)[0, 3, 0]
     assert batch["pictures"].shape == (1, 3, 16, 16)
@@ -194,14 +135,6 @@ def test_features_pictures_and_what_is_missing_are_cropped_and_turned_alike(fold
     torch.testing.assert_close(batch["features"][:, 3:] - 1, batch["pictures"], atol=1e-3, rtol=1e-3)
     torch.testing.assert_close(batch["error_scale"], batch["pictures"][:, :1] / 4, atol=1e-3, rtol=1e-3)
     torch.testing.assert_close(batch["missing"], batch["pictures"] / 2, atol=1e-3, rtol=1e-3)
-
-
-def test_crops_are_fixed_by_seed_epoch_and_item(folder):
-    paths = sorted(folder.glob("*.safetensors"))
-    first = PlaneCrops(paths, 16, 3)[0, 1, 0]["pictures"]
-    assert torch.equal(first, PlaneCrops(paths, 16, 3)[0, 1, 0]["pictures"])
-    for other in (PlaneCrops(paths, 16, 4)[0, 1, 0], PlaneCrops(paths, 16, 3)[1, 1, 0]):
-        assert not torch.equal(first, other["pictures"])
 
 
 def test_squares_take_all_eight_orientations():
@@ -219,24 +152,15 @@ def test_crops_come_from_everywhere_and_stay_within(tmp_path):
     crops = PlaneCrops([path], 4, 0)
     corners = {tuple(crops[epoch, 0, 0]["pictures"][0, :2].amin((1, 2)).tolist()) for epoch in range(100)}
     assert corners == {(row, column) for row in (0.0, 1.0) for column in (0.0, 1.0, 2.0)}
-    with pytest.raises(InputError, match="at most as large as the planes, 5x6; got 6"):
-        PlaneCrops([path], 6, 0)
 
 
-def test_the_first_items_are_held_out_whole(folder):
+def test_an_epoch_has_every_plane_that_is_not_held_out_once_in_batches_of_several_items(folder):
     made = data(folder)
     held = list(made.val_dataloader())
     assert [batch["pictures"].shape for batch in held] == [(2, 3, 20, 24)] * 2
-    names = {place.partition(",")[0] for batch in made.train_dataloader() for place in batch["where"]}
-    assert names == {f"{index:06d}.safetensors" for index in range(2, 6)}
-    assert {place.partition(",")[0] for batch in held for place in batch["where"]} == {
-        "000000.safetensors",
-        "000001.safetensors",
-    }
-
-
-def test_an_epoch_has_every_plane_once_in_batches_of_several_items(folder):
-    batches = list(data(folder).train_dataloader())
+    names = {place.partition(",")[0] for batch in held for place in batch["where"]}
+    assert names == {"000000.safetensors", "000001.safetensors"}
+    batches = list(made.train_dataloader())
     assert [batch["features"].shape for batch in batches] == [(4, 6, 16, 16)] * 2
     drawn = [place for batch in batches for place in batch["where"]]
     assert set(drawn) == {f"{index:06d}.safetensors, plane {plane}" for index in range(2, 6) for plane in range(2)}

@@ -4,7 +4,6 @@ import copy
 import json
 import logging
 from functools import partial
-from unittest import mock
 
 import numpy as np
 import OpenImageIO
@@ -13,7 +12,7 @@ import torch
 from lightning.pytorch import Callback, loggers
 from lightning.pytorch.plugins import MixedPrecision
 
-from lfref.errors import FileError, InputError, LfrefError
+from lfref.errors import InputError, LfrefError
 from lfref.functional.psnr import psnr
 from lfref.losses.composite import CompositeLoss
 from lfref.nets.refnet import RefNet
@@ -25,13 +24,10 @@ from lfref.train.callbacks import (
     StackPictures,
     StepGuard,
     TrainingRecord,
-    beside,
-    gradient_norm,
     log_picture,
-    nearest,
     side_by_side,
 )
-from lfref.train.modules import LEARNING_RATE, Refocusing
+from lfref.train.modules import Refocusing
 from tests.train.conftest import batches_of
 
 pytestmark = pytest.mark.filterwarnings(
@@ -94,20 +90,13 @@ def test_a_poisoned_step_is_named_and_leaves_everything_as_it_was(batch_norm, da
     assert equal(poison.before, poison.after)
     assert poison.before[1]["state"][0]["step"] == 1
     assert guard.skipped == fit.callback_metrics["train/skipped"] == 1
-    assert guard.in_a_row == guard.overflowed == 0
+    assert guard.in_a_row == 0
     (line,) = (record.message for record in caplog.records if "skipped" in record.message)
     assert line.startswith("epoch 0, step 1 skipped (1 so far), not finite: ")
     assert poison.places[0] in line
-    assert f"{what} of " in line
+    assert f"{'gradient' if what == 'gradient' else 'loss'} of " in line
     assert all(value.isfinite().all() for value in batch_norm.state_dict().values())
     assert fit.callback_metrics["val/loss"].isfinite()
-
-
-def test_a_run_without_poison_is_bit_equal_with_and_without_the_guard(module, data, trainer):
-    twin = copy.deepcopy(module)
-    trainer(max_epochs=1, callbacks=[StepGuard()]).fit(module, datamodule=data)
-    trainer(max_epochs=1).fit(twin, datamodule=data)
-    assert equal(module.state_dict(), twin.state_dict())
 
 
 def test_accumulated_steps_are_skipped_as_a_whole(batch_norm, data, trainer, caplog):
@@ -117,34 +106,22 @@ def test_accumulated_steps_are_skipped_as_a_whole(batch_norm, data, trainer, cap
     fit.fit(batch_norm, datamodule=data)
     assert equal(start, batch_norm.net.state_dict())
     assert guard.skipped == 1
-    assert f"not finite: views of {poison.places[0]}" in caplog.text
+    assert poison.places[0] in caplog.text
 
 
-def test_training_stops_after_too_many_in_a_row(module, data, trainer, tmp_path):
+def test_training_stops_after_too_many_in_a_row_and_writes_no_checkpoint(module, data, trainer, tmp_path):
     last = BestCheckpoint(tmp_path, monitor="val/mpsnr", mode="max")
     fit = trainer(max_epochs=1, enable_checkpointing=True, callbacks=[Poison("labels", range(3)), StepGuard(2), last])
-    with pytest.raises(LfrefError, match=r"got none in 2 steps; last cause: labels of .*; lower optimizer\.lr"):
+    with pytest.raises(LfrefError):
         fit.fit(module, datamodule=data)
     assert not list(tmp_path.glob("*.ckpt"))
 
 
-def test_a_step_that_is_taken_ends_the_row(module, data, trainer):
-    guard = StepGuard(patience=2)
-    trainer(max_epochs=1, callbacks=[Poison("labels", [0, 2]), guard]).fit(module, datamodule=data)
-    assert (guard.skipped, guard.in_a_row) == (2, 1)
-
-
-def test_corrupted_weights_stop_the_run_and_are_named(module, data, trainer):
+def test_corrupted_weights_stop_the_run_and_are_never_written(module, data, trainer, tmp_path):
     fit = trainer(max_epochs=1, callbacks=[Poison("weights", [1]), StepGuard()])
-    with pytest.raises(LfrefError, match=r"weights must be finite; net\.head\.bias is not; train from the last"):
+    with pytest.raises(LfrefError, match=r"net\.head\.bias"):
         fit.fit(module, datamodule=data)
-
-
-def test_corrupted_weights_are_never_written(module, data, trainer, tmp_path):
-    fit = trainer(max_epochs=1, callbacks=[StepGuard()])
-    fit.fit(module, datamodule=data)
-    module.net.head.bias.data[0] = torch.nan
-    with pytest.raises(LfrefError, match=r"net\.head\.bias is not; no checkpoint was written"):
+    with pytest.raises(LfrefError, match=r"net\.head\.bias"):
         fit.save_checkpoint(tmp_path / "bad.ckpt")
     assert not (tmp_path / "bad.ckpt").exists()
 
@@ -162,38 +139,18 @@ def test_a_value_that_is_not_finite_is_never_the_best(module, data, trainer, tmp
     assert best.best_model_score.isfinite()
 
 
-def test_float16s_own_overflow_is_counted_apart(module, data, trainer):
-    guard, scaler = StepGuard(patience=1), torch.amp.GradScaler("cpu", init_scale=2.0**40)
+def test_an_overflow_of_float16_is_left_to_the_scaler_and_a_bad_loss_is_not(module, data, trainer):
     start = copy.deepcopy(module.net.state_dict())
-    fit = trainer(max_epochs=1, callbacks=[guard], plugins=[MixedPrecision("16-mixed", "cpu", scaler)])
-    fit.fit(module, datamodule=data)
-    assert guard.overflowed == 3
-    assert guard.skipped == 0
-    assert scaler.get_scale() == 2.0**37
-    assert equal(start, module.net.state_dict())
-
-
-def test_a_bad_loss_is_no_overflow_under_float16(module, data, trainer):
-    guard, scaler = StepGuard(), torch.amp.GradScaler("cpu", init_scale=16.0)
-    plugins = [MixedPrecision("16-mixed", "cpu", scaler)]
-    fit = trainer(max_epochs=1, callbacks=[Poison("labels", [1]), guard], plugins=plugins)
-    fit.fit(module, datamodule=data)
-    assert (guard.skipped, guard.overflowed) == (1, 0)
+    for init_scale, poison in ((2.0**40, ()), (16.0, [1])):
+        guard, scaler = StepGuard(), torch.amp.GradScaler("cpu", init_scale=init_scale)
+        plugins = [MixedPrecision("16-mixed", "cpu", scaler)]
+        fit = trainer(max_epochs=1, callbacks=[Poison("labels", poison), guard], plugins=plugins)
+        fit.fit(module, datamodule=data)
+        assert guard.skipped == len(poison)
+        if not poison:
+            assert scaler.get_scale() == 2.0**37
+            assert equal(start, module.net.state_dict())
     assert all(value.isfinite().all() for value in module.state_dict().values())
-
-
-def test_bfloat16_trains_and_clips(module, data, trainer):
-    seen = []
-
-    class Norm(Callback):
-        def on_train_batch_end(self, trainer, module, outputs, batch, batch_index):
-            seen.append(gradient_norm(module).item())
-
-    guard = StepGuard()
-    fit = trainer(max_epochs=2, precision="bf16-mixed", gradient_clip_val=0.5, callbacks=[guard, Norm()])
-    fit.fit(module, datamodule=data)
-    assert guard.skipped == 0
-    assert seen == pytest.approx([0.5] * 6, rel=1e-4)
 
 
 def test_counts_survive_a_resume(module, data, trainer, tmp_path):
@@ -204,18 +161,6 @@ def test_counts_survive_a_resume(module, data, trainer, tmp_path):
     again = trainer(max_epochs=1, callbacks=[guard])
     again.fit(module, datamodule=data, ckpt_path=tmp_path / "run.ckpt", weights_only=True)
     assert (guard.skipped, guard.in_a_row) == (1, 1)
-
-
-def test_a_gradient_whose_norm_float32_cannot_hold_counts_as_not_finite():
-    module = torch.nn.Linear(2, 1)
-    module.weight.grad = torch.full((1, 2), 1e20)
-    assert gradient_norm(module).isinf()
-    assert gradient_norm(torch.nn.Linear(2, 1)) == 0
-
-
-def test_a_patience_without_steps_is_refused():
-    with pytest.raises(InputError, match="patience must be at least 1; got 0"):
-        StepGuard(patience=0)
 
 
 def still(module):
@@ -258,27 +203,6 @@ def test_crops_that_are_not_finite_do_not_count(module, data, trainer):
     assert equal(module.net.state_dict(), expected)
 
 
-@pytest.mark.parametrize("workers", [0, 2])
-def test_a_run_trains_on_the_batches_that_it_started_from(module, data, trainer, workers):
-    class Places(Callback):
-        def __init__(self):
-            self.seen = []
-
-        def on_train_batch_start(self, trainer, module, batch, batch_index):
-            self.seen.append(batch["where"])
-
-    data.workers = workers
-    for callbacks in ([Initialization(), with_start := Places()], [without := Places()]):
-        trainer(max_epochs=2, callbacks=callbacks).fit(copy.deepcopy(module), datamodule=data)
-    assert with_start.seen == without.seen
-    assert len(without.seen) == 6
-
-
-def test_a_start_without_crops_is_refused():
-    with pytest.raises(InputError, match="n_crops must be at least 1; got 0"):
-        Initialization(n_crops=0)
-
-
 def test_a_resumed_run_keeps_its_weights(module, data, trainer, tmp_path):
     fit = trainer(max_epochs=1)
     fit.fit(module, datamodule=data)
@@ -305,28 +229,10 @@ def test_pictures_show_the_worst_patch_and_the_best(module, data, trainer, tmp_p
     assert len(patches) == 4
     patches.sort(key=lambda patch: patch[0])
     blocks = [side_by_side(labels[[0, 2]], stack[[0, 2]]) for _, labels, stack in (patches[0], patches[-1])]
+    blocks.insert(1, torch.ones(*blocks[0].shape[:2], 4))
     pixels = OpenImageIO.ImageBuf(str(files[-1])).get_pixels("float")
-    expected = beside(blocks).permute(1, 2, 0).numpy()
+    expected = torch.cat(blocks, -1).permute(1, 2, 0).numpy()
     assert abs(pixels - expected).max() <= 0.5 / 255 + 1e-6
-
-
-def test_a_single_held_out_patch_is_shown_once_and_one_that_is_not_finite_is_the_worst(module, tmp_path):
-    pictures, fit = StackPictures(str(tmp_path), slopes=(0.0,)), mock.Mock(sanity_checking=False, is_global_zero=True)
-    fit.current_epoch, fit.loggers = 3, []
-    labels = torch.rand(2, 3, 3, 4, 5)
-    stack = labels.clone()
-    stack[1, 0] = torch.nan
-    pictures.on_validation_epoch_start(fit, module)
-    pictures.on_validation_batch_end(fit, module, stack[:1], {"labels": labels[:1]}, 0)
-    pictures.on_validation_epoch_end(fit, module)
-    assert OpenImageIO.ImageBuf(str(tmp_path / "patches_0003.png")).spec().width == 3 * 5
-    pictures.on_validation_batch_end(fit, module, stack[1:], {"labels": labels[1:]}, 1)
-    worst, best = pictures._ends
-    assert (worst.mpsnr, best.mpsnr) == (-torch.inf, 100)
-
-
-def test_a_logger_without_an_experiment_gets_no_pictures():
-    assert log_picture(object(), torch.rand(3, 6, 8), 3) is None
 
 
 @pytest.mark.slow
@@ -341,31 +247,6 @@ def test_pictures_in_wandb_are_the_pictures(tmp_path, n_channels):
     np.testing.assert_allclose(pixels[..., :n_channels], picture.permute(1, 2, 0), atol=0.51 / 255)
 
 
-class Clock:
-    """Seconds that pass only when a test says so."""
-
-    def __init__(self, monkeypatch):
-        self.now = 100.0
-        monkeypatch.setattr("lfref.train.callbacks.time.monotonic", lambda: self.now)
-
-
-class Rates(Callback):
-    """The learning rate that is logged with each step."""
-
-    def __init__(self):
-        self.logged = []
-
-    def on_train_batch_end(self, trainer, module, outputs, batch, batch_index):
-        self.logged.append(float(trainer.callback_metrics[LEARNING_RATE]))
-
-
-def test_the_rate_of_each_step_is_logged(module, data, trainer):
-    module.scheduler = partial(torch.optim.lr_scheduler.StepLR, step_size=1, gamma=0.5)
-    trainer(max_epochs=2, callbacks=[rates := Rates()]).fit(module, datamodule=data)
-    n_steps = len(rates.logged) // 2
-    np.testing.assert_allclose(rates.logged, [0.01] * n_steps + [0.005] * n_steps, rtol=1e-6)
-
-
 class Passing(Callback):
     """Lets ten seconds pass in each epoch; raises at the end of one epoch, after its checkpoint."""
 
@@ -373,15 +254,16 @@ class Passing(Callback):
         self.clock, self.path, self.dies_after = clock, path, dies_after
 
     def on_train_epoch_end(self, trainer, module):
-        self.clock.now += 10
+        self.clock[0] += 10
         trainer.save_checkpoint(self.path)
         if trainer.current_epoch == self.dies_after:
-            self.clock.now += 1000
+            self.clock[0] += 1000
             raise SystemExit(143)
 
 
 def test_a_resumed_training_adds_its_time_to_that_of_its_checkpoint(module, data, trainer, tmp_path, monkeypatch):
-    clock, note, last = Clock(monkeypatch), tmp_path / "training.json", tmp_path / "last.ckpt"
+    clock, note, last = [100.0], tmp_path / "training.json", tmp_path / "last.ckpt"
+    monkeypatch.setattr("lfref.train.callbacks.time.monotonic", lambda: clock[0])
     callbacks = [TrainingRecord(note), Passing(clock, last, dies_after=1)]
     with pytest.raises(SystemExit):
         trainer(max_epochs=3, callbacks=callbacks).fit(module, datamodule=data)
@@ -399,27 +281,11 @@ def test_side_by_side_is_a_row_for_each_plane():
     assert side_by_side(labels, stack).tolist() == [[[0.25, 0.25, 0, 0, 1, 1], [0.75, 0.75, 0.875, 0.875, 0.5, 0.5]]]
 
 
-def test_patches_stand_beside_each_other_with_a_white_gap():
-    picture = beside([torch.zeros(1, 1, 2), torch.full((1, 1, 1), 0.5)])
-    assert picture.tolist() == [[[0, 0, 1, 1, 1, 1, 0.5]]]
-
-
-def test_nearest_takes_the_closest_slope():
-    assert [nearest((0.5, 1.0, 2.0), alpha) for alpha in (0.1, 0.8, 9.0)] == [0, 1, 2]
-
-
 def test_ranks_with_another_configuration_are_refused(module, data, trainer):
     fit = trainer(fast_dev_run=True, callbacks=[RankAgreement("mine")])
     fit.strategy.broadcast = lambda value, src=0: "another"
     with pytest.raises(InputError, match="same configuration"):
         fit.fit(module, datamodule=data)
-
-
-def test_a_checkpoint_is_loadable_with_weights_only(tmp_path):
-    AtomicCheckpointIO().save_checkpoint({"a": torch.arange(3), "b": [1, "x"]}, tmp_path / "c.ckpt")
-    contents = torch.load(tmp_path / "c.ckpt", weights_only=True)
-    assert contents["a"].tolist() == [0, 1, 2]
-    assert contents["b"] == [1, "x"]
 
 
 def test_an_interrupted_write_leaves_the_old_checkpoint(tmp_path, monkeypatch):
@@ -435,9 +301,3 @@ def test_an_interrupted_write_leaves_the_old_checkpoint(tmp_path, monkeypatch):
         AtomicCheckpointIO().save_checkpoint({"step": 2}, path)
     assert torch.load(path, weights_only=True)["step"] == 1
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_an_unwritable_place_is_one_clear_error(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(FileError):
-        AtomicCheckpointIO().save_checkpoint({}, tmp_path / "file" / "c.ckpt")
