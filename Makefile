@@ -50,18 +50,18 @@ demo: install
 	$(BIN)/lfref eval "$(DEMO)/scenes" run="$(DEMO)/refnet_demo" truth="$(DEMO)/scenes" output="$(DEMO)/eval"
 	$(BIN)/lfref refocus "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/refocus_refnet"
 	$(BIN)/lfref refocus "$(FIELD)" method=shift_and_sum output="$(DEMO)/refocus_shift_and_sum"
-	$(BIN)/lfref refocus "$(FIELD)" method=learned planes=paper output="$(DEMO)/refocus_learned"
+	$(BIN)/lfref refocus "$(FIELD)" method=refiner planes=paper output="$(DEMO)/refocus_refiner"
 	$(BIN)/lfref bench "$(FIELD)" run="$(DEMO)/refnet_demo" $(if $(INPUT),,truth="$(DEMO)/evening") output="$(DEMO)/bench" repeats=2 $(SLOW)
-	$(BIN)/lfref report $(foreach run,eval refocus_refnet bench refnet_demo refocus_learned refocus_shift_and_sum,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo" 'text="$(DEMO_TEXT)"'
+	$(BIN)/lfref report $(foreach run,eval refocus_refnet bench refnet_demo refocus_refiner refocus_shift_and_sum,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo" 'text="$(DEMO_TEXT)"'
 	$(BIN)/lfref view "$(FIELD)" output="$(DEMO)/view"
 
 figures: $(VENV)/checks
 	$(BIN)/lfref bench checkpoint=lfref/weights/refnet.safetensors overwrite=true output=runs/figures/bench repeats=5
-	$(BIN)/lfref bench wide=false correct=white 'test_scenes=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/white repeats=1
+	$(BIN)/lfref bench wide=false correct=flat_field 'test_scenes=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/flat_field repeats=1
 	$(BIN)/lfref bench test_scenes=[] wide=false varied=60 overwrite=true output=runs/figures/varied repeats=1
-	$(BIN)/lfref bench group=causes overwrite=true output=runs/figures/causes
-	$(BIN)/lfref bench group=operators overwrite=true output=runs/figures/operators repeats=5
-	$(BIN)/lfref bench group=stability overwrite=true output=runs/figures/stability
+	$(BIN)/lfref bench suite=causes overwrite=true output=runs/figures/causes
+	$(BIN)/lfref bench suite=operators overwrite=true output=runs/figures/operators repeats=5
+	$(BIN)/lfref bench suite=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python benchmarks/scale.py streams
 	$(BIN)/python benchmarks/scale.py steps
 	$(BIN)/python benchmarks/page.py --film
@@ -83,7 +83,7 @@ gpu: install
 # The networks that ship, from nothing, in hours. The same words go on where they were interrupted.
 weights: install
 	$(BIN)/lfref train experiment=refiner resume=auto output="$(WEIGHTS)/run"
-	$(BIN)/python benchmarks/weights.py learned "$(WEIGHTS)/run"
+	$(BIN)/python benchmarks/weights.py refiner "$(WEIGHTS)/run"
 	for label in shift_and_sum fourier_slice; do \
 		$(BIN)/lfref train experiment=refnet label=$$label resume=auto output="$(WEIGHTS)/$$label" || exit 1; done
 	$(BIN)/python benchmarks/weights.py refnet "$(WEIGHTS)/shift_and_sum"

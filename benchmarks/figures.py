@@ -85,24 +85,24 @@ def gpu_times() -> Iterator[str]:
 
 
 def corrections() -> Iterator[str]:
-    """PSNR of the best method on scenes with a sensor: as they are, corrected, and with a white picture."""
+    """PSNR of the best method on scenes with a sensor: as they are, corrected, and with a flat field."""
     # Means over planes, in which a PSNR counts by at most MEAN_CAP_DB.
     best = read("bench", "scenes").groupby(["scene", "class"])["psnr_db"].max().unstack().dropna(subset="sensor")
-    white = read("white", "scenes")
-    best["white"] = white[white["class"] == CORRECTED].groupby("scene")["psnr_db"].max()
-    yield from pages.head("scene", "as it is, dB", "corrected, dB", "with a white picture, dB", "without a sensor, dB")
+    flat_field = read("flat_field", "scenes")
+    best["flat_field"] = flat_field[flat_field["class"] == CORRECTED].groupby("scene")["psnr_db"].max()
+    yield from pages.head("scene", "as it is, dB", "corrected, dB", "with a flat field, dB", "without a sensor, dB")
     for scene, values in [*best.sort_values("sensor").iterrows(), ("mean", best.mean())]:
-        yield row(scene, *(f"{values[name]:.1f}" for name in (SENSOR, CORRECTED, "white", IDEAL)))
+        yield row(scene, *(f"{values[name]:.1f}" for name in (SENSOR, CORRECTED, "flat_field", IDEAL)))
 
 
 def wide() -> Iterator[str]:
     """PSNR on scenes of wide baselines, and how far planes fall below shift-and-sum through cells."""
     cells, *others = methods = [
-        "shift_and_sum_through_cells",
+        "shift_and_sum_antialiased",
         "disparity_layers",
         "separable_wiener",
-        "occlusion_aware",
-        "learned",
+        "blockwise_wiener",
+        "refiner",
     ]
     rows = read("bench", "evaluation")
     rows = rows[rows["class"] == WIDE]
@@ -176,14 +176,14 @@ def trials() -> Iterator[str]:
         yield f"- {component}: {outcome} ({', '.join(cases)})"
 
 
-LEARNED, CLIPPED = "learned", "bokeh"
+LEARNED, CLIPPED = "refiner", "bokeh"
 """The shipped refiner; a scene whose lamps clip on its sensor, so that no method can know how bright they are."""
 
 
 def gains() -> Iterator[str]:
     """The network beside the best of all other methods, for each class of scenes."""
     yield from pages.head(
-        *("scenes", "best rival", "its PSNR, dB", "learned, dB", "gain", "worst scene", "worst alpha"),
+        *("scenes", "best rival", "its PSNR, dB", "refiner, dB", "gain", "worst scene", "worst alpha"),
     )
     rivals = [name for name in read("bench", "bench")["method"].unique() if name != LEARNED]
     for run, kind, title in (
@@ -253,7 +253,7 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "bench": (BENCH, bench),
     "corrected": (BENCH, corrections),
     "wide": (BENCH, wide),
-    "learned": (BENCH, gains),
+    "refiner": (BENCH, gains),
     "causes": (FIGURES / "causes", causes),
     "operators": (FIGURES / "operators", operators),
     "trials": (FIGURES / "stability", trials),

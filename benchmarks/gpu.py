@@ -50,7 +50,7 @@ def steps(epochs: int) -> Iterator[tuple[str, tuple[str, ...]]]:
     # An operator that is wrong on this GPU should be known before anything is measured.
     yield "tests", (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "gpu", "tests")
     for group, overrides in BENCH.items():
-        yield f"bench_{group}", (*LFREF, "bench", f"group={group}", "device=cuda", *overrides)
+        yield f"bench_{group}", (*LFREF, "bench", f"suite={group}", "device=cuda", *overrides)
     yield "training_speed", (sys.executable, str(benchmarks / "scale.py"), "steps")
     for name in (*LABELS, LONG):
         n_epochs, label = (LONGER * epochs, LABELS[0]) if name == LONG else (epochs, name)

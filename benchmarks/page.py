@@ -80,7 +80,7 @@ def make() -> None:
     field = lfref.LightField(lfref.simulate(evening(), outputs=("views",)).views)
     RUN.mkdir(parents=True, exist_ok=True)
     lfref.write(RUN / "evening.exr", field, overwrite=True)
-    words = ["aperture=disc", "method@methods.first=occlusion_aware", "title=An evening"]
+    words = ["aperture=disc", "method@methods.first=blockwise_wiener", "title=An evening"]
     words += ["planes=even", f"planes.first={FAR}", f"planes.last={NEAR}", "planes.n=13"]
     # At the 42 dB of other pages it would have 10 MB, not 3.5; the pictures at rest have that all the same.
     words.append("page_quality.least_db=36")
@@ -90,7 +90,7 @@ def make() -> None:
 
 def _card(views: Tensor) -> Tensor:
     """The scene focused on the fruit, [C, H, W], cut and enlarged to the card's size."""
-    focused = lfref.occlusion_aware(views, [FRUIT], weights=apertures.disc((7, 7)))[0]
+    focused = lfref.blockwise_wiener(views, [FRUIT], weights=apertures.disc((7, 7)))[0]
     height = focused.shape[-1] * CARD_SIZE[0] // CARD_SIZE[1]
     top = (focused.shape[-2] - height) // 2
     window = focused[None, :, top : top + height]

@@ -38,10 +38,10 @@ from lfref.io import write
 from lfref.io.read import read
 from lfref.io.run import Run
 from lfref.lightfield import LightField
+from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.mean_of_views import mean_of_views
-from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
 from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
@@ -60,13 +60,13 @@ CLASSICAL = {
         "shift_and_sum": shift_and_sum,
         "fourier_slice": functools.partial(fourier_slice, kernel="kaiser_bessel", width=4, padding=2),
         "fourier_slice_linear": functools.partial(fourier_slice, kernel="linear", padding=1),
-        "shift_and_sum_through_cells": shift_and_sum_through_cells,
-        "occlusion_aware": occlusion_aware,
+        "shift_and_sum_antialiased": shift_and_sum_antialiased,
+        "blockwise_wiener": blockwise_wiener,
     }.items()
 }
 """The settings of `conf/method`."""
 LABELS = ("shift_and_sum", "fourier_slice")
-METHODS = (RIVAL, *LABELS, "fourier_slice_linear", "occlusion_aware")
+METHODS = (RIVAL, *LABELS, "fourier_slice_linear", "blockwise_wiener")
 NETWORKS = {
     "shift_and_sum": "RefNet on shift_and_sum",
     "fourier_slice": "RefNet on fourier_slice",
@@ -286,7 +286,7 @@ def speed() -> Iterator[str]:
     built = {name: configs.build(pages.composed("train", f"net={file}").net) for name, file in nets.items()}
     slow = [OperatorRefocuser("fourier_slice_numpy", fourier_slice_numpy)]
     slow += [NetworkRefocuser(network, PLANES, name) for name, network in built.items()]
-    quick = [CLASSICAL[name] for name in (RIVAL, *LABELS, "shift_and_sum_through_cells", "occlusion_aware")]
+    quick = [CLASSICAL[name] for name in (RIVAL, *LABELS, "shift_and_sum_antialiased", "blockwise_wiener")]
     one: dict[str, float] = {}
     yield from pages.head("method", "one light field, s", "in FFTs", "from disk to pictures, s", "in FFTs")
     with tempfile.TemporaryDirectory() as folder:
@@ -317,7 +317,7 @@ COLOURS = {
     RIVAL: GREY,
     "shift_and_sum": BLUE,
     "fourier_slice": RED,
-    "occlusion_aware": BLACK,
+    "blockwise_wiener": BLACK,
     **dict(zip(NETWORKS.values(), (CYAN, MAGENTA, TEAL), strict=True)),
 }
 

@@ -288,7 +288,7 @@ def _mesh(points: Tensor, coordinates: Tensor, bsdf: dict[str, Any], light: dict
 
 WIDTH, TRACED_FOCAL, SHIFT = 256, 300.0, 6.0
 """Width of a view, its focal length, and by how much views move back per view step, in pixels; all change alike."""
-LAMPS = {"lamp": ([-25, -25, 15], 8000.0), "fill": ([5, -5, 0], 960.0)}
+LAMPS = {"lamp": ([-25, -25, 15], 8000.0), "fill_factor": ([5, -5, 0], 960.0)}
 """Place and power of a bright lamp, and of one beside the cameras that fills the shadows.
 
 They are points, and rendered one by one: without choices by chance there is no noise.

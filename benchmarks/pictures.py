@@ -361,8 +361,13 @@ def cells() -> Figure:
     """A scene far out of focus: the sum over points, the integral over cells, and the lens."""
     slope = -7.0  # the widest blur among the paper's planes
     views, truth = views_and_truth(slope)
-    points, filled = (lfref.shift_and_sum(views, [slope], "cubic", fill=fill)[0][INNER] for fill in (0.0, 1.0))
-    shown = [("truth", truth), ("49 points", points), ("49 cells, fill=1", filled), ("one view", views[3, 3][INNER])]
+    points, filled = (lfref.shift_and_sum(views, [slope], "cubic", fill_factor=fill)[0][INNER] for fill in (0.0, 1.0))
+    shown = [
+        ("truth", truth),
+        ("49 points", points),
+        ("49 cells, fill_factor=1", filled),
+        ("one view", views[3, 3][INNER]),
+    ]
     errors = [error("difference, ", picture, truth, COARSE) for picture in (points, filled)]
     return sheet([*shown, *errors], **DIFFERENCE)
 
@@ -373,9 +378,9 @@ def near_focus() -> Figure:
     views, truth = views_and_truth(slope[0])
     stacks = {
         "exact_fourier": lfref.exact_fourier(views, slope),
-        "exact_fourier, fill=1": lfref.exact_fourier(views, slope, fill=1.0),
+        "exact_fourier, fill_factor=1": lfref.exact_fourier(views, slope, fill_factor=1.0),
         "refocus_by_layers": lfref.refocus_by_layers(views, slope),
-        "occlusion_aware": lfref.occlusion_aware(views, slope),
+        "blockwise_wiener": lfref.blockwise_wiener(views, slope),
     }
     errors = (error(f"{name}\n", stack[0][INNER], truth, COARSE) for name, stack in stacks.items())
     return sheet(errors, 4, **DIFFERENCE)

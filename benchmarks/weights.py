@@ -1,6 +1,6 @@
 """Put the network of a training run into the package, with how it was made: `python benchmarks/weights.py NAME RUN`.
 
-NAME is `learned` (a refiner) or `refnet`. Run by `make weights`. Fills the model cards and the accuracy in the pages.
+NAME is `refiner` (a refiner) or `refnet`. Run by `make weights`. Fills the model cards and the accuracy in the pages.
 """
 
 import argparse
@@ -46,7 +46,7 @@ REFNET_CARD = {
     "licence": "MIT",
 }
 REFINER_CARD = {
-    "use": "corrects the pictures of occlusion_aware: refocused pictures of light fields at any slopes",
+    "use": "corrects the pictures of blockwise_wiener: refocused pictures of light fields at any slopes",
     "data": "scenes of lfref's simulator, drawn at random, with their truth as labels; no photographs",
     "limits": "three channels of linear light, even grids; may be worse than the method that it corrects where that "
     "is nearly exact (beyond 70 dB), in planes close to fine stripes, and beyond the grids and disparities of its "
@@ -81,7 +81,7 @@ def table(network: networks.NetworkRefocuser, facts: Mapping[str, Any], capture:
     """Lines of the page: refnet and the mean of the views on sim30, and on a capture, whose planes are drawn."""
     measured = {"sim30, 30 scenes": facts["sim30"]}
     if capture is not None:
-        light = read(capture, views=[7, 7])
+        light = read(capture, angular_size=[7, 7])
         measured["a capture, " + "x".join(map(str, light.views.shape[-2:]))] = by_labels(network, [light])
         sheet = pictures.contact_sheet(network(light, PLANES.slopes)[SHOWN], [PLANES.labels[n] for n in SHOWN])
         images.write_image(pages.PICTURES / "refnet_capture.jpg", sheet, quality=75)
@@ -121,7 +121,7 @@ def card(facts: Mapping[str, Any], path: Path, n_weights: int) -> Iterator[str]:
         "command": f"`{facts['command']}`",
         "gain on light fields held out": f"{facts['gain_db']:.2f} dB",
     }
-    yield from pages.head("network", "`learned`")
+    yield from pages.head("network", "`refiner`")
     yield from (pages.row(*cells) for cells in rows.items())
 
 

@@ -58,7 +58,7 @@ APERTURES: dict[str, Aperture | None] = {"square": None, "disc": apertures.disc}
 """Shape of a camera's aperture -> weights of the views; None: all alike."""
 EVEN_GRID = "methods are compared on an even grid"
 """Reason why corrections leave the cameras on the even grid: some methods read no other positions."""
-CORRECTIONS = ("none", "auto", "white")
+CORRECTIONS = ("none", "auto", "flat_field")
 """Corrections of scenes with a sensor: none, so no class `corrected`; from the views alone; with a picture that the
 same sensor takes of a white scene."""
 
@@ -121,7 +121,7 @@ def scene_cases(
         case = EvaluationCase(SENSOR, light, truth, TRUTH, ideal.aperture, encoding)
         yield case
         if correction != "none":
-            white = white_picture(scene, light) if correction == "white" else None
+            white = white_picture(scene, light) if correction == "flat_field" else None
             yield replace(case, kind=CORRECTED, light=correct(light, AUTO, white, EVEN_GRID)[0])
 
 
@@ -153,7 +153,11 @@ def split_axis(n_views: int, step: int) -> AxisSplit:
     n_sparse = (n_views - 1) // step + 1
     if step < 2 or n_sparse < 2:
         expected = "every second view or fewer must be kept, and two at least"
-        raise InputError(expected, got=f"every {step} of {n_views}", remedy="set thin=2, and reader.views to read more")
+        raise InputError(
+            expected,
+            got=f"every {step} of {n_views}",
+            remedy="set angular_stride=2, and reader.angular_size to read more",
+        )
     reach = (n_sparse - 1) * step
     # An odd rest of views has no common centre with the sparse ones: the last dense view is left out.
     start, odd = divmod(n_views - 1 - reach, 2)
@@ -182,11 +186,13 @@ def dense_integral(views: Tensor, slopes: Tensor) -> Tensor:
     """Exact refocusing of views [V, U, C, H, W] at slopes [N]; in planes far from all surfaces, views stand for cells.
 
     The dense views are points too: far from focus, their sum would leave copies of edges in the reference. There each
-    view stands for its cell, blurred by its distance from the middle disparity (`shift_and_sum_through_cells`).
+    view stands for its cell, blurred by its distance from the middle disparity (`shift_and_sum_antialiased`).
     """
     boxes = shift_and_sum.cell_widths(slopes, disparity_range(views))
     planes = zip(slopes.tolist(), boxes.tolist(), strict=True)
-    return torch.cat([exact_fourier(views, [slope], fill=1.0, disparity=slope - box) for slope, box in planes], -4)
+    return torch.cat(
+        [exact_fourier(views, [slope], fill_factor=1.0, disparity=slope - box) for slope, box in planes], -4
+    )
 
 
 def _select_views(field: LightField, rows: slice, columns: slice) -> LightField:

@@ -142,7 +142,7 @@ def load(path: str | Path) -> Corrections:
 def correct(
     field: LightField,
     how: Corrections | str | Path = AUTO,
-    white: LightField | None = None,
+    flat_field: LightField | None = None,
     even_grid_for: str | None = None,
     in_place: bool = False,
 ) -> tuple[LightField, Corrections]:
@@ -153,7 +153,7 @@ def correct(
             chromatic aberration, alignment and spacing are corrected.
         how: `auto` estimates the defects; `none` corrects nothing; corrections of another capture of the camera, or
             their file, are applied without new estimates.
-        white: A picture of a white scene by the same camera, of the same grid and size, for `auto`.
+        flat_field: A picture of a white scene by the same camera, of the same grid and size, for `auto`.
         even_grid_for: Why cameras must stay on an even grid, if so; their spacing is then reported, not corrected.
         in_place: Whether estimated corrections may overwrite the views of `field`, which saves as much memory.
 
@@ -162,7 +162,7 @@ def correct(
         gradients, nor have views that are corrected by them; those corrected by given corrections do.
 
     Raises:
-        InputError: The white picture or the corrections have another grid or size; there is a white picture for given
+        InputError: The flat field or the corrections have another grid or size; there is a flat field for given
             corrections; or it has encoded samples.
         FileError: The corrections cannot be read.
 
@@ -175,10 +175,10 @@ def correct(
     if how == NONE:
         return field, Corrections(field.grid, field.size, ())
     if how == AUTO:
-        _check_white(field, white)
-        return _estimate_and_correct(field, white, even_grid_for, in_place)
-    if white is not None:
-        raise InputError("a white picture is for correct=auto", got=f"correct={how}", remedy="leave white= out")
+        _check_flat_field(field, flat_field)
+        return _estimate_and_correct(field, flat_field, even_grid_for, in_place)
+    if flat_field is not None:
+        raise InputError("a flat field is for correct=auto", got=f"correct={how}", remedy="leave flat_field= out")
     corrections = how if isinstance(how, Corrections) else load(how)
     corrections = corrections.skipping(_skipped_of_encoded(field))
     if even_grid_for and SpacingDefect.name in corrections.active:
@@ -189,7 +189,7 @@ def correct(
 
 @torch.no_grad()
 def _estimate_and_correct(
-    field: LightField, white: LightField | None, even_grid_for: str | None, in_place: bool
+    field: LightField, flat_field: LightField | None, even_grid_for: str | None, in_place: bool
 ) -> tuple[LightField, Corrections]:
     """Estimate all defects in turn, and correct those that show."""
     grid, size, defects, skipped = field.grid, field.size, list[Defect](), _skipped_of_encoded(field)
@@ -215,18 +215,18 @@ def _estimate_and_correct(
     order = view_order.find(view.reduced)
     if correct_if_due(order):
         view = central_view(field)
-        white = None if white is None else order.corrected(white)  # it was read in the same order
+        flat_field = None if flat_field is None else order.corrected(flat_field)  # it was read in the same order
     is_new = correct_if_due(bad_pixels.find_hot(field, view.disparity, view.reference))
     is_new |= correct_if_due(bad_pixels.find_black(field))
-    # A white picture compares no views of the light field. Strong shading may be why they show nothing in common.
-    is_new |= white is not None and field.is_linear and correct_if_due(vignetting.find_by_white(white))
+    # A flat field compares no views of the light field. Strong shading may be why they show nothing in common.
+    is_new |= flat_field is not None and field.is_linear and correct_if_due(vignetting.find_by_flat_field(flat_field))
     view = central_view(field) if is_new else view
     if not view.is_comparable:
-        names = [brightness.ExposureDefect.name, *([vignetting.VignettingDefect.name] if white is None else [])]
+        names = [brightness.ExposureDefect.name, *([vignetting.VignettingDefect.name] if flat_field is None else [])]
         skipped = dict.fromkeys(names, "unknown: the views show no common disparities") | skipped
     elif field.is_linear:
         ratios = brightness.ratios(field, view.disparity, view.reference)
-        if white is None and correct_if_due(vignetting.find(ratios)):
+        if flat_field is None and correct_if_due(vignetting.find(ratios)):
             view = central_view(field)
             ratios = brightness.ratios(field, view.disparity, view.reference)
         if correct_if_due(brightness.find_exposure(ratios)):
@@ -263,10 +263,12 @@ def central_view(field: LightField) -> CentralView:
     return CentralView(reduced.indices[0], disparity, confidence, coarse, reduced)
 
 
-def _check_white(field: LightField, white: LightField | None) -> None:
-    if white and ((white.grid, white.size) != (field.grid, field.size) or (field.is_linear and not white.is_linear)):
-        expected = f"the white picture must have the {_shape(field)} of {field.name or 'the light field'}, as linear"
-        raise InputError(expected, got=_shape(white), remedy="read both with the same reader options")
+def _check_flat_field(field: LightField, flat_field: LightField | None) -> None:
+    if flat_field and (
+        (flat_field.grid, flat_field.size) != (field.grid, field.size) or (field.is_linear and not flat_field.is_linear)
+    ):
+        expected = f"the flat field must have the {_shape(field)} of {field.name or 'the light field'}, as linear"
+        raise InputError(expected, got=_shape(flat_field), remedy="read both with the same reader options")
 
 
 def _reason_to_estimate_nothing(field: LightField) -> str:

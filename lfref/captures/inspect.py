@@ -27,7 +27,7 @@ UNKNOWN = (-1.0, 1.0)
 """First and last plane of a light field whose range of slopes is unknown, in pixels per view step."""
 NO_SLOPES = (
     "slopes are unknown (nothing moves, or too far, or the views do not belong together): give slopes=[LOW,HIGH], or "
-    "check reader.views, reader.grid and reader.spacing (see lfref info)"
+    "check reader.angular_size, reader.grid and reader.spacing (see lfref info)"
 )
 
 
@@ -137,15 +137,15 @@ class Inspection:
 
 
 @torch.no_grad()
-def inspect(field: LightField, white: LightField | None = None) -> Inspection:
+def inspect(field: LightField, flat_field: LightField | None = None) -> Inspection:
     """Inspect a light field.
 
     Args:
         field: The light field.
-        white: The same camera's picture of an evenly lit white surface, of the same grid and size.
+        flat_field: The same camera's picture of an evenly lit white surface, of the same grid and size.
 
     Raises:
-        InputError: The white picture has another grid or size, or is encoded although the light field is linear.
+        InputError: The flat field has another grid or size, or is encoded although the light field is linear.
 
     Example:
         >>> inspection = lfref.inspect(lfref.LightField(torch.rand(5, 5, 3, 64, 80)))
@@ -153,7 +153,7 @@ def inspect(field: LightField, white: LightField | None = None) -> Inspection:
         (torch.Size([64, 80]), None)
     """
     view = central_view(field)
-    corrected, corrections = correct(field, white=white)
+    corrected, corrections = correct(field, flat_field=flat_field)
     if ViewOrderDefect.name in corrections.active:
         view = central_view(corrections[ViewOrderDefect.name].corrected(field))
     return Inspection(

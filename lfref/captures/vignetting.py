@@ -1,6 +1,6 @@
 """Vignetting: the light that views lack towards their corners is restored; dark samples have less weight.
 
-A white picture gives the gain of every sample. Without one, brightness from view to view shows where the rim of the
+A flat field gives the gain of every sample. Without one, brightness from view to view shows where the rim of the
 lens clips the pupil (cat's eye). Since a point lies elsewhere in each view, brightness also shows the falloff that all
 views share, if the scene has depth; that estimate is used only for a lens whose rim is visible, because highlights
 that move look like falloff.
@@ -33,7 +33,7 @@ LEAST_GAIN = 4e-3  # squared scatters per window, by trial: a clipped pupil must
 SURE = 6.0  # standard errors of falloff: gloss reaches 6.6 on scenes without falloff, where no rim is visible
 AGREED = 0.5  # share of the falloff, by trial, that three quarters of the picture must show: a gloss shows in one
 UNTRUSTED, TRUSTED = 0.02, 0.1  # gains, by trial: weight 0 below the first, full weight above the second
-CERTAIN = 6.0  # standard deviations of a white picture's noise, by trial
+CERTAIN = 6.0  # standard deviations of a flat field's noise, by trial
 LEAST_LOSS = 0.01  # share of the light that one sample in a hundred lacks, by trial: less hardly shows
 NOISE = 2e-3  # standard deviation that noise may leave in gains, half a level of 8 bits
 WIDEST = 10.0  # pixels, by trial: largest standard deviation of the smoothing, so that the rim and dust stay
@@ -52,23 +52,23 @@ class VignettingDefect(Defect):
     """Displacement of the rim at the picture's corner, in view steps; 0 where it clips nothing."""
     radius: float = 1e3
     """Radius of the rim, in view steps."""
-    white: Tensor | None = None
-    """Gain from a white picture, [V, U, C, H, W]."""
+    flat_field: Tensor | None = None
+    """Gain from a flat field, [V, U, C, H, W]."""
 
     def summary(self) -> str:
         """Light left in the darkest corner, and what is unknown."""
-        if self.white is not None:
-            return f"by the white picture, down to {self.white.min():.0%} of the light"
+        if self.flat_field is not None:
+            return f"by the flat field, down to {self.flat_field.min():.0%} of the light"
         cats_eye = f"a rim of {self.radius:.2f} view steps, displaced by {self.displacement:.2f} at the corners"
         if not self.falloff:
-            return f"{cats_eye}; falloff that all views share is unknown without a white picture"
+            return f"{cats_eye}; falloff that all views share is unknown without a flat field"
         left = float(falloff_gain(self._rim, torch.tensor(1.0), torch.tensor(0.0)))
         return f"{cats_eye}; falloff to {left:.0%} in all corners, by parallax"
 
     def gain(self, field: LightField) -> Tensor:
         """Light that reaches each sample, relative to the middle of the central view, float32, [V, U, C or 1, H, W]."""
-        if self.white is not None:
-            return self.white.to(torch.float32, copy=True)
+        if self.flat_field is not None:
+            return self.flat_field.to(torch.float32, copy=True)
         y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(*field.size) for length in field.size)
         q, p = registration.positions_of(field).float().unflatten(0, field.grid)[..., None, None, None].unbind(2)
         return rim_gain(self._rim, y[:, None], x, q, p) * falloff_gain(self._rim, y[:, None], x)
@@ -87,15 +87,15 @@ class VignettingDefect(Defect):
         return Rim(self.falloff, self.displacement, self.radius)
 
 
-def find_by_white(white: LightField) -> VignettingDefect:
-    """Take the gain of all samples from a white picture."""
-    gain, error = white_gain(white.views)
+def find_by_flat_field(flat_field: LightField) -> VignettingDefect:
+    """Take the gain of all samples from a flat field."""
+    gain, error = flat_field_gain(flat_field.views)
     # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
     losses = (1 - gain[..., ::4, ::4]).abs().flatten()
     loss = float(losses.kthvalue(max(1, int(0.99 * len(losses)))).values)
-    reason = "" if loss > max(LEAST_LOSS, CERTAIN * error) else "the white picture is even"
+    reason = "" if loss > max(LEAST_LOSS, CERTAIN * error) else "the flat field is even"
     # Half precision keeps gains to 1 in 2000, and files small.
-    return VignettingDefect(white=gain.half(), reason_to_skip=reason)
+    return VignettingDefect(flat_field=gain.half(), reason_to_skip=reason)
 
 
 def find(ratios: Ratios) -> VignettingDefect:
@@ -303,8 +303,8 @@ class _RimProblem:
         return float(moves[0].square().sum().sqrt())
 
 
-def white_gain(white: Tensor) -> tuple[Tensor, float]:
-    """The gain of every sample from a white picture, smoothed as far as noise requires, and its standard deviation.
+def flat_field_gain(white: Tensor) -> tuple[Tensor, float]:
+    """The gain of every sample from a flat field, smoothed as far as noise requires, and its standard deviation.
 
     Gains are relative to the middle of the central view, channel by channel, so that a corrected capture keeps its
     brightness and colour there.

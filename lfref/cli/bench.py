@@ -1,6 +1,6 @@
-"""`lfref bench`: measurements in groups; `group=NAME` selects one function of `GROUPS`.
+"""`lfref bench`: measurements; `suite=NAME` selects one function of `SUITES`.
 
-What the groups share comes first: rounds, light fields, scenes, facts of the machine. One section per group follows.
+What the suites share comes first: rounds, light fields, scenes, facts of the machine. One section per suite follows.
 """
 
 import dataclasses
@@ -182,7 +182,7 @@ def _capture_cases(
     """The cases of the light fields of `input`."""
     corrected = (
         correct(field, str(config.correct), even_grid_for=evaluation.EVEN_GRID)[0].to(device)
-        for field in light_fields(config, methods if config.thin is None else ())
+        for field in light_fields(config, methods if config.angular_stride is None else ())
     )
     if config.truth is not None:
         cases, names = [], list(steps.find_fields(config))
@@ -190,11 +190,11 @@ def _capture_cases(
             stack = steps.checked_truth(steps.read_truth(config.truth, name, len(names)), field, planes)
             cases.append(EvaluationCase(evaluation.GIVEN, field, stack, evaluation.TRUTH))
         return cases
-    if config.thin is None:
+    if config.angular_stride is None:
         log.info("no truth is known of these light fields: the reference is exact refocusing of their own views")
         return list(evaluation.capture_cases(corrected, planes.slopes))
     # Methods get every second or third view, the others are the reference.
-    return list(evaluation.hold_out_cases(corrected, config.thin, planes.slopes))
+    return list(evaluation.hold_out_cases(corrected, config.angular_stride, planes.slopes))
 
 
 @torch.no_grad()
@@ -229,7 +229,7 @@ def time_operators(config: DictConfig, folder: Path) -> None:
     scales: Scales = configs.build(config.scales)
     fields = light_fields(config)
     if len(fields) != 1:
-        raise InputError("this group measures one light field", got=len(fields), remedy="give input=LIGHT_FIELD")
+        raise InputError("this suite measures one light field", got=len(fields), remedy="give input=LIGHT_FIELD")
     field = fields[0].to(device)
     sizes = scales.sizes(Size(field.grid, field.size, len(planes)))
     methods = list(steps.parts_of(config.methods).values())
@@ -272,18 +272,18 @@ def stability(config: DictConfig, folder: Path) -> None:
     log.info("%s, %d of ours hold: %s", counted(len(rows), "trial"), n_held, folder / "stability.csv")
 
 
-GROUPS: dict[str, Callable[[DictConfig, Path], None]] = {
+SUITES: dict[str, Callable[[DictConfig, Path], None]] = {
     "front": front,
     "causes": error_causes,
     "operators": time_operators,
     "stability": stability,
 }
-"""Name of a group -> its function; its options are in `conf/group/NAME.yaml`."""
+"""Name of a suite -> its function; its options are in `conf/suite/NAME.yaml`."""
 
 
 def bench(config: DictConfig, folder: Path) -> None:
-    """Measure one group."""
-    chosen("group", config.group, GROUPS)(config, folder)
+    """Measure one suite."""
+    chosen("suite", config.suite, SUITES)(config, folder)
 
 
 run = command(bench)

@@ -20,13 +20,13 @@ SHEET = "inspection.png"
 def info(config: DictConfig, folder: Path) -> None:
     """Log the properties of each light field, and write `inspection.json` and `inspection.png`."""
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
-    white = None if config.white is None else steps.read_field(Path(config.white), config)
+    flat_field = None if config.flat_field is None else steps.read_field(Path(config.flat_field), config)
 
     def read(_: str, path: Path) -> LightField:
         return steps.read_field(path, config)
 
     def inspect_field(_: str, field: LightField) -> Inspection:
-        return inspect(field, white)
+        return inspect(field, flat_field)
 
     def write(name: str, inspection: Inspection) -> None:
         log.info("%s", "\n".join(inspection.lines()))

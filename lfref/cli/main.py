@@ -49,7 +49,7 @@ SHORTHANDS = {
     "alphas": ["planes=alphas", "planes.alphas={}"],
     "convention": ["planes.convention={}"],
 }
-PATHS = "input", "output", "resume", "checkpoint", "truth", "white", "correct"
+PATHS = "input", "output", "resume", "checkpoint", "truth", "flat_field", "correct"
 """Keys of paths, in which Hydra would interpret some characters."""
 TAKE_A_WORD = "--cfg", "-c", "--config-dir", "-cd", "--config-path", "-cp", "--config-name", "-cn", "--package", "-p"
 """Options of Hydra before a value."""

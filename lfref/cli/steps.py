@@ -106,10 +106,10 @@ def checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: 
 
 
 def read_field(path: Path, config: DictConfig, refocusers: Iterable[Refocuser] = ()) -> LightField:
-    """Read a light field by `config.reader`; without `reader.views` a network determines the number of views."""
+    """Read a light field by `config.reader`; without `reader.angular_size` a network determines the number of views."""
     options = configs.plain(config.reader)
-    if options["views"] is None:
-        options["views"] = next((refocuser.grid for refocuser in refocusers if refocuser.grid is not None), None)
+    if options["angular_size"] is None:
+        options["angular_size"] = next((refocuser.grid for refocuser in refocusers if refocuser.grid is not None), None)
     field = reader.read(path, **options)
     if missing := field.metadata.get("missing"):
         log.info("%s: %s are missing and have weight 0", field.name, missing)
@@ -205,18 +205,18 @@ def planes_of(planes: Planes, field: LightField) -> FocalPlanes:
     return planes.of(field) if isinstance(planes, AutoPlanes) else planes
 
 
-def white_field(config: DictConfig, refocuser: Refocuser) -> LightField | None:
-    """The light field of a white surface that `config.white` names, read like the inputs; None if it names none."""
-    return None if config.white is None else read_field(Path(config.white), config, [refocuser])
+def flat_field_of(config: DictConfig, refocuser: Refocuser) -> LightField | None:
+    """The flat field that the configuration names, read like the inputs; None if it names none."""
+    return None if config.flat_field is None else read_field(Path(config.flat_field), config, [refocuser])
 
 
 def correct_field(
-    field: LightField, config: DictConfig, white: LightField | None, refocuser: Refocuser
+    field: LightField, config: DictConfig, flat_field: LightField | None, refocuser: Refocuser
 ) -> tuple[LightField, Corrections | None]:
     """Correct a light field, which is given up, as `config.correct` says, and log what was corrected."""
-    remedy = "take method=shift_and_sum_through_cells to have it corrected"
+    remedy = "take method=shift_and_sum_antialiased to have it corrected"
     even = None if refocuser.takes_positions else f"{refocuser.name} needs an even grid: {remedy}"
-    corrected, corrections = correct(field, str(config.correct), white, even, in_place=True)
+    corrected, corrections = correct(field, str(config.correct), flat_field, even, in_place=True)
     if config.correct == NONE:
         return field, None
     if config.explain:

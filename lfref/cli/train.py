@@ -81,11 +81,11 @@ def build_module(config: DictConfig, data: LightningDataModule) -> Fitting:
     else:
         planes, is_linear = fixed_planes(config), getattr(data, "is_linear", True)
         module = Refocusing(net, loss, planes, optimizer, scheduler, config.end_rate, is_linear, metrics)
-    if config.start is not None:
-        path = Path(config.start)
-        weights = SHIPPED.get(config.start) or (Run.of(path).best if path.is_dir() else path)
+    if config.init_from is not None:
+        path = Path(config.init_from)
+        weights = SHIPPED.get(config.init_from) or (Run.of(path).best if path.is_dir() else path)
         checkpoints.start(module.net, weights)
-        log.info("training starts from the weights of %s", config.start)
+        log.info("training starts from the weights of %s", config.init_from)
     if config.channels_last:
         module.net.to(memory_format=torch.channels_last)
     if config.compile:
@@ -95,7 +95,7 @@ def build_module(config: DictConfig, data: LightningDataModule) -> Fitting:
 
 def _trainer(config: DictConfig) -> Trainer:
     named = configs.build(config.callbacks)
-    if config.start is not None:
+    if config.init_from is not None:
         named.pop("initialization", None)  # the weights are there already
     chosen = [callback for callback in named.values() if callback is not None]
     folder = Path(config.folder)

@@ -29,7 +29,7 @@ def view(config: DictConfig, folder: Path) -> None:
     refocusers = [refocuser.to(device) for refocuser in _refocusers(config, aperture)]
     configured_planes: Planes = configs.build(config.planes)
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
-    white = steps.white_field(config, refocusers[0])
+    flat_field = steps.flat_field_of(config, refocusers[0])
 
     def read(_: str, path: Path) -> LightField | Refocused:
         if lytro_files.is_stack(path):
@@ -39,7 +39,9 @@ def view(config: DictConfig, folder: Path) -> None:
         return field
 
     def correct(_: str, field: LightField | Refocused) -> LightField | Refocused:
-        return field if isinstance(field, Refocused) else steps.correct_field(field, config, white, refocusers[0])[0]
+        return (
+            field if isinstance(field, Refocused) else steps.correct_field(field, config, flat_field, refocusers[0])[0]
+        )
 
     def refocus(name: str, field: LightField | Refocused) -> dict[str, Refocused]:
         if isinstance(field, Refocused):

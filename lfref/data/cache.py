@@ -102,9 +102,9 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = 
     """
     # The names of a folder's images say where views stand on the grid.
     names = [file.name for file in view_folders.image_files(path)] if path.is_dir() else []
-    white = content_hash(Path(options["white"])) if options.get("white") is not None else None
+    white = content_hash(Path(options["calibration"])) if options.get("calibration") is not None else None
     by = correct if correct in (NONE, AUTO) else content_hash(Path(correct))
-    own = {**options, "white": white, "correct": by}
+    own = {**options, "calibration": white, "correct": by}
     parts = [content_hash(path, folder), names, own, reader.VERSION, corrections.VERSION]
     key = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
     entry, name = folder / f"field_{key[:32]}", path.absolute().name if path.is_dir() else path.stem

@@ -74,7 +74,7 @@ class Recipe:
     ranges: Sequence[tuple[float, float]] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
     """Ranges of slopes; each range gives a further plane."""
     correct: str = AUTO
-    """`none`, `auto` or a file of corrections; `auto` gets a white picture of cameras with vignetting."""
+    """`none`, `auto` or a file of corrections; `auto` gets a flat field of cameras with vignetting."""
 
     def key(self) -> str:
         """SHA-256 of all values and of `VERSION`."""

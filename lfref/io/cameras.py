@@ -38,7 +38,7 @@ def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_
     else:
         listed, source = read_positions(options.positions), options.positions
         shape = present.T.shape if options.transpose else present.shape
-        chosen = listed[replace(options, views=shape).window(listed.shape[:2], Path(source))]
+        chosen = listed[replace(options, angular_size=shape).window(listed.shape[:2], Path(source))]
     return normalised(chosen.swapaxes(0, 1) if options.transpose else chosen, present, source)
 
 

@@ -47,7 +47,7 @@ def lattice_of(white: NDArray, path: Path) -> Lattice:
     lattice = find_lattice(white)
     if lattice is None or (lattice.is_hexagonal and abs(lattice.rotation) > MAX_HEXAGONAL_ROTATION):
         got = "none" if lattice is None else f"rows turned by {lattice.rotation:.1f} degrees"
-        remedy = "turn it by 90 degrees, or set reader.pitch, offset and rotation without reader.white"
+        remedy = "turn it by 90 degrees, or set reader.pitch, offset and rotation without reader.calibration"
         raise FileError(f"{path} must show lenslets of a regular lattice in level rows", got=got, remedy=remedy)
     return lattice
 

@@ -45,14 +45,14 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
     if lattice is None or shown is not None or options.lenslet != LENSLET:
         pitch = options.lenslet if has_borders or not steps else shown or lenslet_cells.aligned_pitch(steps)
         _check_aligned(image, options.lenslet, path, pitch)
-        keep = options.window((options.lenslet,) * 2, path, options.views or (DEFAULT_VIEWS, DEFAULT_VIEWS))
+        keep = options.window((options.lenslet,) * 2, path, options.angular_size or (DEFAULT_VIEWS, DEFAULT_VIEWS))
         colours, weight = split_weight(unpack(image, options.lenslet)[keep], axis=2)
         return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(image)))
     if not lattice.is_hexagonal or abs(lattice.rotation) <= MAX_HEXAGONAL_ROTATION:
         return _resampled_views(path, image, options, lattice)
     # Rows of hexagonal lenslets that stand upright are level in the transposed image.
     level = lenslet_search.lattice_of_scene(_grey(image).T)
-    across = replace(options, views=None if options.views is None else options.views[::-1])
+    across = replace(options, angular_size=None if options.angular_size is None else options.angular_size[::-1])
     turned = _resampled_views(path, np.ascontiguousarray(image.swapaxes(0, 1)), across, level)
     return turned.changed(lambda views: views.transpose(1, 0, 2, 4, 3))
 
@@ -137,7 +137,7 @@ def sampled(image: NDArray, lattice: Lattice, options: ReadOptions, path: Path) 
     """The chosen views of an image [H, W, C] of linear light, [V, U, C, H', W']."""
     angular = lenslet_lattice.n_views(lattice.pitch[0]), lenslet_lattice.n_views(lattice.pitch[1])
     default = min(DEFAULT_VIEWS, angular[0]), min(DEFAULT_VIEWS, angular[1])
-    window = options.window(angular, path, options.views or default)
+    window = options.window(angular, path, options.angular_size or default)
     views = lenslet_lattice.sample_views(image, lattice, angular, window)
     if not views.size:
         got, remedy = f"{image.shape[0]}x{image.shape[1]} pixels", "check reader.pitch and reader.offset"
@@ -151,7 +151,7 @@ def _resampled_views(path: Path, image: NDArray, options: ReadOptions, lattice: 
     # Without a header samples are linear, as sensors are. Only linear light may be mixed and divided.
     tone = images.encoding_of(path, options.encoding, encodings.LINEAR)
     light = images.decoded(stored, tone)
-    white = None if options.white is None else _white_image(options.white, options, light, path)
+    white = None if options.calibration is None else _white_image(options.calibration, options, light, path)
     lattice = lattice or _lattice(options, light, white, path)
     views = sampled(light, lattice, options, path)
     weight = None if alpha is None else sampled(images.to_float(alpha), lattice, options, path)
@@ -184,8 +184,8 @@ def _white_image(path: Path, options: ReadOptions, image: NDArray, image_path: P
 
 def _lattice(options: ReadOptions, light: NDArray, white: NDArray | None, path: Path) -> Lattice:
     """The lattice: the options count first, then the white image, then the image itself."""
-    if white is not None and options.white is not None and None in (options.pitch, options.offset):
-        of_white = lenslet_search.lattice_of(white.mean(axis=2), options.white)
+    if white is not None and options.calibration is not None and None in (options.pitch, options.offset):
+        of_white = lenslet_search.lattice_of(white.mean(axis=2), options.calibration)
         if lenslet_cells.measure(_grey(light), of_white).are_focused:
             raise _focused(path, of_white)
         return overridden(of_white, options)
@@ -205,7 +205,7 @@ def overridden(lattice: Lattice | None, options: ReadOptions) -> Lattice:
         return replace(lattice, origin=options.offset or lattice.origin)
     pitch = options.pitch if lattice is None else options.pitch or lattice.pitch
     if pitch is None:
-        remedy = "set reader.pitch, or reader.white to an image that shows the lenslets"
+        remedy = "set reader.pitch, or reader.calibration to an image that shows the lenslets"
         raise InputError("a lenslet image needs the pitch of its lenslets", got="none", remedy=remedy)
     origin = options.offset or (lattice.origin if lattice else ((pitch[0] - 1) / 2, (pitch[1] - 1) / 2))
     rotation = options.rotation or (lattice.rotation if lattice and options.rotation is None else 0.0)

@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 ENCODINGS = ("file", "linear", "none")
 """Values of the option `encoding` that fit: raw images are linear."""
-WHITE_REMEDY = "set reader.white to the calibration of the camera"
+WHITE_REMEDY = "set reader.calibration to the calibration of the camera"
 TAGS = "com.lytro.tags"
 TILINGS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "square"}
 """Tiling of the lenslets in a record -> lattice."""
@@ -55,7 +55,7 @@ def decode_raw(path: Path, options: ReadOptions) -> Samples:
         raise InputError(f"encoding of the raw image {path} must be one of {ENCODINGS}", got=options.encoding)
     image = lytro_files.read_raw(path)
     pattern = mosaic(image.record)
-    white = _white_light(image, options.white, pattern)
+    white = _white_light(image, options.calibration, pattern)
     light = light_of(image.samples, image.record)
     is_saturated = light >= 1
     light = per_colour(light, pattern, balance(image.record))

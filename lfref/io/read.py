@@ -66,7 +66,7 @@ FORMATS = (
         tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
         tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
         lenslets.decode_lenslets,
-        options=("lenslet", "pitch", "offset", "rotation", "lattice", "white"),
+        options=("lenslet", "pitch", "offset", "rotation", "lattice", "calibration"),
     ),
     Format("exr", "an EXR file", *images.FORMATS["exr"], exr.decode_views, exr.holds_views, ("holes",)),
     Format(
@@ -85,7 +85,7 @@ FORMATS = (
         (".lfp", ".lfr", lytro_files.BARE),
         lytro.decode_raw,
         lytro_files.is_raw,
-        ("pitch", "offset", "rotation", "lattice", "white"),
+        ("pitch", "offset", "rotation", "lattice", "calibration"),
     ),
     FILM,
 )
@@ -131,7 +131,7 @@ def find(path: str | Path) -> list[Path]:
 def read(
     path: str | Path,
     *,
-    views: int | tuple[int, int] | None = None,
+    angular_size: int | tuple[int, int] | None = None,
     start: int | None = None,
     transpose: bool = False,
     reverse_v: bool = False,
@@ -142,7 +142,7 @@ def read(
     offset: Sequence[float] | None = None,
     rotation: float | None = None,
     lattice: str | None = None,
-    white: str | Path | None = None,
+    calibration: str | Path | None = None,
     size: tuple[int, int] | None = None,
     grid: tuple[int, int] | None = None,
     holes: bool | None = None,
@@ -156,8 +156,8 @@ def read(
 
     Args:
         path: File or folder.
-        views: Rows and columns of views to keep, or one number for both; None keeps all, but 7x7 of a lenslet image or
-            raw file.
+        angular_size: Rows and columns of views to keep, or one number for both; None keeps all, but 7x7 of a
+            lenslet image or raw file.
         start: First row and column to keep, from 0, as stored; None keeps the centre, which for 7 of the 14
             views of an ESLF starts at 4 (3 is as central).
         transpose: Whether the file counts views down the columns: its rows are columns of the light field.
@@ -171,9 +171,10 @@ def read(
         offset: Centre [y, x] of any lenslet, in pixels from the middle of the first pixel; None: by the dark borders of
             lenslets, else half a pitch from the corner.
         rotation: Angle of the rows of lenslets in degrees, above 0 if they fall to the right.
-        lattice: `square` or `hexagonal` (every other row half a pitch further); None: as in `white`, else square.
-        white: A white image of the camera: it shows where the lenslets are, and the image is divided by it. Of a Lytro
-            camera also its calibration (`data.C.*`, `caldata-*.tar`, or a folder of either or of `MOD_*.RAW` files).
+        lattice: `square` or `hexagonal` (every other row half a pitch further); None: as in `calibration`, else square.
+        calibration: A white image of the camera: it shows where the lenslets are, and the image is divided by it. Of a
+            Lytro camera also its calibration (`data.C.*`, `caldata-*.tar`, or a folder of either or of `MOD_*.RAW`
+            files).
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
         grid: Rows and columns of the grid if each view has one number; None: a square grid, but one row of a film.
         holes: Whether views may be missing; None: only where the holes seem intended (a cross, a diagonal).

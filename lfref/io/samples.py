@@ -59,9 +59,9 @@ def split_weight(samples: NDArray, axis: int = -1) -> tuple[NDArray, NDArray | N
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Options as `lfref.read` describes them; `parse` checks them. `views` and `grid` count as the file does."""
+    """Options as `lfref.read` describes them; `parse` checks them. `angular_size` and `grid` count as the file does."""
 
-    views: Cell | None = None
+    angular_size: Cell | None = None
     start: int | None = None
     transpose: bool = False
     reverse_v: bool = False
@@ -74,7 +74,7 @@ class ReadOptions:
     rotation: float | None = None
     lattice: str | None = None
     """A key of `ROW_DISTANCES`."""
-    white: Path | None = None
+    calibration: Path | None = None
     size: Cell | None = None
     grid: Cell | None = None
     holes: bool | None = None
@@ -86,7 +86,7 @@ class ReadOptions:
 
     @classmethod
     def parse(cls, **given: Any) -> "ReadOptions":
-        """Options from the values that a user wrote; a pair may be a list, `views` and `pitch` one number for both."""
+        """Options from the values that a user wrote; a pair may be a list, `angular_size` and `pitch` a number."""
         try:
             options: dict[str, Any] = {
                 name: tuple(value) if isinstance(value, list) else value for name, value in given.items()
@@ -94,13 +94,17 @@ class ReadOptions:
             row_distance = ROW_DISTANCES.get(options.get("lattice") or "square", 1.0)
             if isinstance(pitch := options.get("pitch"), int | float):
                 options["pitch"] = pitch * row_distance, pitch
-            if isinstance(views := options.get("views"), int):
-                options["views"] = views, views
+            if isinstance(views := options.get("angular_size"), int):
+                options["angular_size"] = views, views
             if options.get("transpose"):
                 # Users count rows and columns of the light field, decoders those of the file.
-                options |= {name: options[name][::-1] for name in ("views", "grid") if options.get(name) is not None}
+                options |= {
+                    name: options[name][::-1] for name in ("angular_size", "grid") if options.get(name) is not None
+                }
             options |= {
-                name: form(options[name]) for name, form in (("white", Path), ("positions", str)) if options.get(name)
+                name: form(options[name])
+                for name, form in (("calibration", Path), ("positions", str))
+                if options.get(name)
             }
             own = cls(**options)
             pitches, offset, spacing = own.pitch or (math.inf, math.inf), own.offset or (0, 0), own.spacing or (1, 1)
@@ -124,17 +128,19 @@ class ReadOptions:
     @property
     def describes_lenslets(self) -> bool:
         """Whether any option says where lenslets stand; else they are aligned with the pixels of the image."""
-        return any(getattr(self, name) is not None for name in ("pitch", "offset", "rotation", "lattice", "white"))
+        return any(
+            getattr(self, name) is not None for name in ("pitch", "offset", "rotation", "lattice", "calibration")
+        )
 
     def window(self, grid: Sequence[int], path: Path, views: Cell | None = None) -> tuple[slice, slice]:
         """Rows and columns to keep of a grid in the file at `path`; `views` stands in for the option."""
         slices = []
-        for n_views, count in zip(grid, views or self.views or grid, strict=True):
+        for n_views, count in zip(grid, views or self.angular_size or grid, strict=True):
             # Rounded up, so that 7 of 14 are views 4 to 10, whose centre 7 is the usual reference view.
             first = (n_views - count + 1) // 2 if self.start is None else self.start
             if count < 1 or first < 0 or first + count > n_views:
                 got = f"views {count}, start {'in the middle' if self.start is None else first}"
-                remedy = "choose reader.views and reader.start to fit"
+                remedy = "choose reader.angular_size and reader.start to fit"
                 raise InputError(f"views to keep must be among the {n_views} of {path}", got=got, remedy=remedy)
             slices.append(slice(first, first + count))
         return slices[0], slices[1]
@@ -192,7 +198,9 @@ def gather(
             raise FileError(f"{source} must be like the views before it", got=got, remedy="all views must be alike")
         whole[row, column], is_present[row, column] = view, True
     if not is_present.any():
-        raise FileError(f"the {shape[0]}x{shape[1]} views to keep must be there", got="none", remedy="set reader.views")
+        raise FileError(
+            f"the {shape[0]}x{shape[1]} views to keep must be there", got="none", remedy="set reader.angular_size"
+        )
     colours, weight = split_weight(whole.transpose(0, 1, 4, 2, 3), axis=2)
     if not is_present.all():
         if weight is None:
@@ -216,4 +224,4 @@ def check_memory(n_bytes: float, what: str) -> None:
         limit = min(limit, int((folder / "memory.max").read_text()) - used)
     if n_bytes > limit:
         got = f"{n_bytes / 1e9:.1f} GB for {limit / 1e9:.1f} GB"
-        raise InputError(f"{what} must fit into memory", got=got, remedy="set reader.views or reader.size")
+        raise InputError(f"{what} must fit into memory", got=got, remedy="set reader.angular_size or reader.size")

@@ -42,9 +42,9 @@ def decode_film(path: Path, options: ReadOptions) -> Samples:
     count = sum(1 for _ in read_frames(path))
     shape = options.grid or (1, count)
     is_known = options.pattern in (None, *STILL) and math.prod(shape) == count
-    if not is_known or count < 2 or (options.views is None and count > MOST_FRAMES):
+    if not is_known or count < 2 or (options.angular_size is None and count > MOST_FRAMES):
         expected = f"{path} must be a film of 2 to {MOST_FRAMES} views, numbered row by row"
-        remedy = f"set reader.grid, reader.views, or reader.pattern={' or '.join(STILL)}"
+        remedy = f"set reader.grid, reader.angular_size, or reader.pattern={' or '.join(STILL)}"
         raise InputError(expected, got=counted(count, "picture"), remedy=remedy)
     rows, columns = options.window(shape, path)
     cells: dict[samples.Cell, int] = {}

@@ -149,7 +149,7 @@ class RefNet(Network):
             raise InputError(
                 f"this network reads views [..., {', '.join(map(str, expected))}, H, W]",
                 got=f"shape {list(views.shape)}",
-                remedy=f"set reader.views={grid}, or scene.camera.grid={grid} for simulated scenes",
+                remedy=f"set reader.angular_size={grid}, or scene.camera.grid={grid} for simulated scenes",
             )
         # Padding grows with the dilation: without a limit, a small file could ask for any amount of memory.
         if self.reach > max(views.shape[-2:]):

@@ -59,7 +59,7 @@ def symmetric_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
         raise InputError(
             "weights must be symmetric about both axes",
             got="others",
-            remedy="use another method, such as shift_and_sum_through_cells",
+            remedy="use another method, such as shift_and_sum_antialiased",
         )
     return aperture
 

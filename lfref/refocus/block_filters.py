@@ -7,7 +7,7 @@ all disparities cannot, and are short near focus, where the aliases show. The st
 2. For each block and each plane near its disparities, solve for the filters of the rows and columns of views
    (`axis_filters`), and take their taps: `SPAN` pixels around the shift of each view.
 3. Filter the views of a block along x, add them up, filter the rows along y, and add these up.
-`occlusion_aware` chooses between these filters and those of the whole field.
+`blockwise_wiener` chooses between these filters and those of the whole field.
 Letters: `B` blocks, `M` items (a block in a plane), `N` planes, `C` channels, `V U` view rows and columns, `D`
 disparities, `T` taps, `y x` row and column of a pixel.
 """

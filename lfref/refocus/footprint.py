@@ -1,7 +1,7 @@
-"""Apertures with an area: each view stands for a cell of the aperture, `fill` view steps wide, instead of a point.
+"""Apertures with an area: each view stands for a cell, `fill_factor` view steps wide, instead of a point.
 
 Within the cell light of disparity d moves by |s - d| pixels a view step, so that a plane is the sum of points blurred
-by a box of w = fill |s - d| pixels along x and along y. It is the same for all views: a filter of the finished plane.
+by a box of w = fill_factor |s - d| pixels along x and along y: the same for all views, a filter of the finished plane.
 As taps, a sample inside the box counts 1 / w; five taps at each end are fitted to the box's own response sinc(w k),
 each frequency counting by the power 1 / k^2 of a natural picture. For all widths to 16 the response is met to 0.035
 over k <= 0.4, to 0.009 over k <= 0.3. (A box over cubic interpolation, with as many taps, is off by 0.12 and 0.09.)
@@ -94,7 +94,7 @@ def spanned(places: Tensor) -> range:
 class Footprint(NamedTuple):
     """The pixels that a view's cell covers."""
 
-    fill: float
+    fill_factor: float
     """Side of a cell in view steps, >= 0; 0: views are points, and planes the plain sums."""
     disparity: Tensor
     """Of the scene: a single number, or one for each pixel where the views are, [B or 1, 1, H, W]."""
@@ -110,10 +110,10 @@ class Footprint(NamedTuple):
         """Signed widths of the boxes in pixels for slopes [N]: [N], or [B or 1, N, H, W] if they vary."""
         disparity = self.disparity
         planes = slopes[None, :, None, None].to(disparity) if self.varies else slopes
-        widths = self.fill * (planes - disparity)
+        widths = self.fill_factor * (planes - disparity)
         if not (widest := float(torch.stack(widths.detach().aminmax()).abs().max())) <= max(self.size):
             raise InputError(
-                f"fill * |slope - disparity| must be at most the picture's {max(self.size)} px",
+                f"fill_factor * |slope - disparity| must be at most the picture's {max(self.size)} px",
                 got=f"{widest:g} px",
                 remedy="disparity is finite, and in pixels per view step, as slopes are",
             )
@@ -125,19 +125,21 @@ class Footprint(NamedTuple):
         return torch.sinc(widths[:, None, None] * frequencies)
 
 
-def checked(fill: float, disparity: float | Tensor, views: Tensor) -> Footprint:
+def checked(fill_factor: float, disparity: float | Tensor, views: Tensor) -> Footprint:
     """The footprint of the cells of views [..., V, U, C, H, W]."""
     size = (views.shape[-2], views.shape[-1])
-    if not 0 <= fill < math.inf:
-        raise InputError("fill must be finite and >= 0, in view steps", got=fill, remedy="1 fills the aperture")
+    if not 0 <= fill_factor < math.inf:
+        raise InputError(
+            "fill_factor must be finite and >= 0, in view steps", got=fill_factor, remedy="1 fills the aperture"
+        )
     values = torch.as_tensor(disparity, dtype=torch.float64)
     if tuple(values.shape) not in ((), size, (*views.shape[:-5], *size)):
         expected = f"disparity must be a number or a map {list(size)}, or one map for each light field"
         raise InputError(expected, got=f"shape {list(values.shape)}", remedy="resize the map to the views")
     if values.ndim == 0:
-        return Footprint(float(fill), values.detach().cpu(), size)
+        return Footprint(float(fill_factor), values.detach().cpu(), size)
     maps = values.to(views.device, batches.working_dtype(views.dtype)).reshape(-1, 1, *size)
-    return Footprint(float(fill), maps, size)
+    return Footprint(float(fill_factor), maps, size)
 
 
 LEAST_SHARE = 0.125

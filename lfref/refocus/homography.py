@@ -1,8 +1,8 @@
 """Refocusing by homographies: every view read through a 3x3 matrix of its own, so that cameras may stand anywhere.
 
 A plane of the scene maps the pixels of one pinhole camera onto those of another by a homography; the mean of the views
-after these maps is sharp on that plane. There is no `fill` here: cameras need not stand on a grid, so that views have
-no cells, and a plane's homographies say nothing of light from other depths.
+after these maps is sharp on that plane. There is no `fill_factor` here: cameras need not stand on a grid, so that views
+have no cells, and a plane's homographies say nothing of light from other depths.
 Letters: `u v` view column and row, `x y w` homogeneous pixel, `s` slope.
 Sources: Isaksen et al., "Dynamically reparameterized light fields", 2000; Vaish et al., "Using plane + parallax for
 calibrating dense camera arrays", 2004.

@@ -45,11 +45,11 @@ from lfref.functional import noise_line
 from lfref.functional.neighbours import binomial, box_max, box_mean
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
+from lfref.refocus.blockwise_wiener import blockwise_wiener, blockwise_wiener_parts
 from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
 from lfref.refocus.surface import per_pixel
 from lfref.refocuser import filling
 from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser
@@ -79,7 +79,7 @@ FADE = (3.0, 4.5)
 """Distances of a plane from the disparities around a pixel, in pixels per view step: from the first one on, corrections
 of methods that blur each surface by its own distance fade out; from the second one on there are none. On sim30 these
 methods have 70 to 90 dB there, and corrections would cost up to 17 dB."""
-BY_SURFACE: frozenset[Operator] = frozenset({refocus_by_layers, occlusion_aware})
+BY_SURFACE: frozenset[Operator] = frozenset({refocus_by_layers, blockwise_wiener})
 """Methods that blur each surface by its own distance from the focus."""
 
 
@@ -136,18 +136,18 @@ def refiner_inputs(
 
     # Of all planes: the pictures, other ways to make them, and the features that compare the views.
     others, is_single = {}, max(light.grid) == 1  # of which all pictures are that view
-    if "everywhere" in names and base.function is occlusion_aware and not is_single:
+    if "everywhere" in names and base.function is blockwise_wiener and not is_single:
         # It makes its picture of this one.
-        parts = refocused(views, functools.partial(occlusion_aware_parts, **base.options))
+        parts = refocused(views, functools.partial(blockwise_wiener_parts, **base.options))
         pictures, others["everywhere"] = parts.tensor_split(2, 1)
     else:
         pictures = base.stack(views, weight, slopes, light.positions)
         if "everywhere" in names:
             others["everywhere"] = pictures if is_single else refocused(views, separable_wiener)
     if "local" in names:
-        by_disparity = functools.partial(shift_and_sum, interpolation="cubic", fill=1.0, disparity=disparity)
+        by_disparity = functools.partial(shift_and_sum, interpolation="cubic", fill_factor=1.0, disparity=disparity)
         others["local"] = refocused(views, by_disparity)
-    sums, cells = refocused(views, PLAIN_SUM), refocused(views, shift_and_sum_through_cells)
+    sums, cells = refocused(views, PLAIN_SUM), refocused(views, shift_and_sum_antialiased)
     grey, grey_sums = views.mean(2, keepdim=True), sums.mean(1, keepdim=True)
     spread = (refocused(grey.square(), PLAIN_SUM) - grey_sums.square()).clamp(min=0).sqrt()
     inner = refocused(grey, PLAIN_SUM, lambda grid: apertures.square(grid, min(grid) / 2)) - grey_sums

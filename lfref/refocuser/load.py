@@ -16,7 +16,7 @@ from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
 from lfref.refocuser import filling, networks
-from lfref.refocuser.networks import learned, refnet
+from lfref.refocuser.networks import refnet, shipped_refiner
 from lfref.refocuser.refocuser import Refocuser, check_for_network
 
 CPU = torch.device("cpu")
@@ -30,7 +30,7 @@ def load(
     Args:
         path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. A file that
             `lfref export` wrote, `NAME.onnx` or `NAME.safetensors`. A model that ships with lfref:
-            `refnet` (7x7 views, the paper's 16 planes), or `learned`, which None means too (any planes, any even grid).
+            `refnet` (7x7 views, the paper's 16 planes), or `refiner`, which None means too (any planes, any even grid).
         device: Where the network goes; exported files run on the CPU, wherever views are.
         net: Class of the network in a checkpoint, if it is not one of ours.
 
@@ -48,8 +48,8 @@ def load(
         >>> refocuser(torch.rand(3, 3, 3, 24, 32)).shape, refocuser.planes.labels
         (torch.Size([2, 3, 24, 32]), ('slope -1', 'slope 1'))
     """
-    if path in (None, "learned"):
-        return learned(device=device)
+    if path in (None, "refiner"):
+        return shipped_refiner(device=device)
     if path == "refnet":
         return refnet(device=device)
     path = Run.of(path).best if Path(path).is_dir() else Path(path)

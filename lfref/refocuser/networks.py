@@ -21,9 +21,9 @@ from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.nets.refiner import Refiner
 from lfref.refocus import batches
+from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
 from lfref.refocuser import filling
 from lfref.refocuser.features import check_names, refiner_inputs
 from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser, Refocuser, check_for_network
@@ -32,10 +32,10 @@ REFINER = "refiner"
 """Entry of a checkpoint that holds the network's arguments."""
 REFINER_FORMAT = 1
 BASES: dict[str, Operator] = {
-    "occlusion_aware": occlusion_aware,
+    "blockwise_wiener": blockwise_wiener,
     "refocus_by_layers": refocus_by_layers,
     "shift_and_sum": shift_and_sum,
-    "shift_and_sum_through_cells": shift_and_sum_through_cells,
+    "shift_and_sum_antialiased": shift_and_sum_antialiased,
 }
 """Methods whose pictures may be refined, by their names in checkpoints."""
 LARGEST_OPTION = 100
@@ -131,7 +131,7 @@ def restored_refiner(
     return refined
 
 
-SHIPPED = {name: Path(__file__).parents[1] / "weights" / f"{name}.safetensors" for name in ("learned", "refnet")}
+SHIPPED = {name: Path(__file__).parents[1] / "weights" / f"{name}.safetensors" for name in ("refiner", "refnet")}
 """Weights of the models that ship, by name; their metadata state how they were trained."""
 
 
@@ -166,8 +166,8 @@ class NetworkRefocuser(Refocuser):
         return self.network(radiance.to(self.network.like.dtype), slopes).to(batches.stack_dtype(views))
 
 
-def learned(
-    name: str = "learned", aperture: Aperture | None = None, device: str | torch.device = "cpu"
+def shipped_refiner(
+    name: str = "refiner", aperture: Aperture | None = None, device: str | torch.device = "cpu"
 ) -> RefinedRefocuser:
     """The model that ships with lfref: a classical method whose pictures a network corrects.
 
@@ -175,7 +175,7 @@ def learned(
         >>> lfref.load()(torch.rand(5, 5, 3, 48, 64), [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
-    path = SHIPPED["learned"]
+    path = SHIPPED["refiner"]
     return restored_refiner(path, checkpoint.read(path), name, device).through(aperture)
 
 
@@ -192,5 +192,5 @@ def restored_network(
 
 
 def refnet(name: str = "refnet", device: str | torch.device = "cpu") -> NetworkRefocuser:
-    """The RefNet that ships with lfref: 7x7 views, the paper's 16 planes; arguments as for `learned`."""
+    """The RefNet that ships with lfref: 7x7 views, the paper's 16 planes; arguments as for `refiner`."""
     return restored_network(SHIPPED["refnet"], checkpoint.read(SHIPPED["refnet"]), name, device)

@@ -129,7 +129,7 @@ def uneven(name: str) -> InputError:
     return InputError(
         f"{name} needs cameras on an even grid",
         got="positions of their own",
-        remedy="take method=shift_and_sum_through_cells, shift_and_sum, exact_fourier or tilt_shift",
+        remedy="take method=shift_and_sum_antialiased, shift_and_sum, exact_fourier or tilt_shift",
     )
 
 
@@ -212,9 +212,9 @@ class OperatorRefocuser(Refocuser):
         return self if stays else replace(self, aperture=aperture)
 
     def cell_width(self, slopes: Tensor) -> float:
-        """As in `Refocuser`, by the operator's `fill` and `disparity`."""
+        """As in `Refocuser`, by the operator's `fill_factor` and `disparity`."""
         disparity = torch.as_tensor(self.options.get("disparity", 0.0), dtype=torch.float64).reshape(-1, 1)
-        return float(self.options.get("fill", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
+        return float(self.options.get("fill_factor", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
 
     def _weighted_mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
         """Sum of the weighted samples over the sum of the weights."""

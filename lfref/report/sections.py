@@ -127,7 +127,7 @@ def benchmark(folder: Path) -> Section:
 
 
 def error_causes(folder: Path) -> Section:
-    """Cost of each cause of error, and gains of remedies, of `lfref bench group=causes`."""
+    """Cost of each cause of error, and gains of remedies, of `lfref bench suite=causes`."""
     columns = ("cause", "method", "is_base", "cost_db", "won_db")
     rows, planes = (tables.read_table(folder / f"{name}.csv", *columns) for name in ("causes", "causes_by_plane"))
     text = (
@@ -145,7 +145,7 @@ def error_causes(folder: Path) -> Section:
 
 
 def operators(folder: Path) -> Section:
-    """Time of operators, and its growth, of `lfref bench group=operators`."""
+    """Time of operators, and its growth, of `lfref bench suite=operators`."""
     rows = tables.read_table(folder / "operators.csv", "method", "numpy_ffts").sort_values("numpy_ffts")
     exponents = tables.read_table(folder / "exponents.csv", "method", "axis", "exponent")
     text = (

@@ -47,7 +47,7 @@ def heat_map(trials: pd.DataFrame) -> Figure:
 
 
 def hard_cases(folder: Path) -> Section:
-    """The heat maps, and the number of trials by outcome, of `lfref bench group=stability`."""
+    """The heat maps, and the number of trials by outcome, of `lfref bench suite=stability`."""
     columns = ("component", "case", "precision", "formulation", "times_allowed", "outcome", "note")
     trials = tables.read_table(folder / "stability.csv", *columns)
     text = (

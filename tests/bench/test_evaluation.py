@@ -55,7 +55,7 @@ def test_a_scene_with_a_sensor_is_evaluated_without_and_with_it():
     assert torch.equal(displayed.linear, cases[2].reference)
 
 
-@pytest.mark.parametrize(("correction", "least"), [("auto", 15.0), ("white", 20.0)])
+@pytest.mark.parametrize(("correction", "least"), [("auto", 15.0), ("flat_field", 20.0)])
 def test_corrections_bring_a_vignetted_scene_nearer_to_the_truth(correction, least):
     cases = list(evaluation.scene_cases([sim30.SCENES["vignetting"]], SLOPES, CPU, correction))
     assert [case.kind for case in cases] == ["ideal", "sensor", "corrected"]

@@ -11,9 +11,9 @@ import torch
 from lfref import geometry
 from lfref.bench import accuracy, causes, evaluation
 from lfref.functional.psnr import psnr
+from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import painting, sim30
@@ -24,7 +24,7 @@ from lfref.simulator.simulate import PAPER, averaged, finer
 SIZE = (96, 128)
 CAP_DB = 85
 """Where a method is better than 75 dB, the truth need be no nearer to brute force than this."""
-OPERATORS = [exact_fourier, shift_and_sum_through_cells, occlusion_aware]
+OPERATORS = [exact_fourier, shift_and_sum_antialiased, blockwise_wiener]
 
 
 @functools.cache

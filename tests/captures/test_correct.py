@@ -27,7 +27,7 @@ def corrected(vignetted):
 
 @pytest.fixture
 def shaded():
-    """A light field, the same with shading that differs from row to row of views, and a white picture."""
+    """A light field, the same with shading that differs from row to row of views, and a flat field."""
     field = clean("twigs")
     (n_rows, n_columns), (height, width) = field.grid, field.size
     v, y = torch.linspace(-1, 1, n_rows)[:, None, None, None, None], torch.linspace(-1, 1, height)[:, None]
@@ -73,7 +73,7 @@ def test_each_defect_is_estimated_after_the_correction_of_those_before():
 def test_a_white_picture_follows_the_order_of_the_views(shaded):
     plain, *both = shaded
     field, white = (dataclasses.replace(each, views=each.views.transpose(0, 1).contiguous()) for each in both)
-    corrected, corrections = correct(field, white=white)
+    corrected, corrections = correct(field, flat_field=white)
     assert {"view_order", "vignetting"} <= set(corrections.active)
     assert_proportional(corrected, plain)
 

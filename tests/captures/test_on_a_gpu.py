@@ -38,7 +38,7 @@ for weighted, lit in ((None, white), (weight, None)):
         field = lfref.LightField(put(views), weight=put(weighted))
         by = None if lit is None else lfref.LightField(put(lit))
         with WithGpu():
-            corrected, corrections = lfref.correct(field, white=by)
+            corrected, corrections = lfref.correct(field, flat_field=by)
             inspection = lfref.inspect(field, by)
         assert corrected.views.is_cuda == (place is on_gpu)
         results.append((corrections.active, corrected.views.cpu(), inspection.disparity.cpu()))

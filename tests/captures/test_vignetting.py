@@ -1,4 +1,4 @@
-"""Vignetting: known gains are estimated, with and without a white picture; views without vignetting stay."""
+"""Vignetting: known gains are estimated, with and without a flat field; views without vignetting stay."""
 
 import dataclasses
 import math
@@ -13,7 +13,7 @@ from lfref.captures.registration import positions_of
 from lfref.captures.vignetting import Rim, VignettingDefect
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects.optics import clipped_pupil, falloff
@@ -46,7 +46,7 @@ def test_depth_determines_the_falloff_that_all_views_share(defect):
     whole = falloff(field.views, 0.6) * clipped_pupil(field.views, 0.5)
     assert float((defect.gain(field) / whole - 1).abs()[whole > 0.2].median()) < 0.02
     assert "falloff to 5" in defect.summary()
-    assert "unknown without a white picture" in dataclasses.replace(defect, falloff=0.0).summary()
+    assert "unknown without a flat field" in dataclasses.replace(defect, falloff=0.0).summary()
 
 
 @pytest.mark.parametrize("name", [*ODD, "plane", "vignetting"])
@@ -98,35 +98,35 @@ def test_a_rim_is_fitted(rim):
 
 def test_a_white_picture_gives_every_gain():
     field = recorded("vignetting")
-    by_white = vignetting.find_by_white(white("vignetting"))
+    by_white = vignetting.find_by_flat_field(white("vignetting"))
     whole = falloff(field.views, 0.6) * clipped_pupil(field.views, 0.5)
     assert float((by_white.gain(field) - whole).abs().max()) < 3e-3
-    assert "white picture, down to" in by_white.summary()
+    assert "flat field, down to" in by_white.summary()
 
 
 @pytest.mark.parametrize(("gain", "is_corrected"), [(0.988, True), (0.992, False)])
 def test_a_white_picture_counts_if_it_lacks_a_hundredth_of_the_light(gain, is_corrected):
     views = torch.full((3, 3, 1, 60, 80), 0.8)
     views[..., :16] *= gain
-    assert (not vignetting.find_by_white(LightField(views)).reason_to_skip) == is_corrected
+    assert (not vignetting.find_by_flat_field(LightField(views)).reason_to_skip) == is_corrected
 
 
 def test_dark_samples_weigh_less_and_black_ones_nothing():
     gain = torch.ones(3, 3, 1, 8, 8)
     gain[0, 0, 0, 0], gain[0, 0, 0, 1], gain[0, 0, 0, 2] = 0.0, 0.06, 0.5
     weight = torch.full((3, 3, 1, 8, 8), 0.5)
-    corrected = VignettingDefect(white=gain).corrected(LightField(torch.full((3, 3, 3, 8, 8), 0.2), weight=weight))
+    corrected = VignettingDefect(flat_field=gain).corrected(LightField(torch.full((3, 3, 3, 8, 8), 0.2), weight=weight))
     torch.testing.assert_close(corrected.weight[0, 0, 0, :4, 0], torch.tensor([0.0, 0.25, 0.5, 0.5]))
     torch.testing.assert_close(corrected.views[0, 0, 0, 1:3, 0], torch.tensor([0.2 / 0.06, 0.4]))
     assert bool(corrected.views.isfinite().all())
     # Untrusted samples stay as they are.
     torch.testing.assert_close(corrected.views[0, 0, 0, 0], torch.full((8,), 0.2))
-    full = VignettingDefect(white=gain.clamp(min=0.5)).corrected(LightField(torch.full((3, 3, 3, 8, 8), 0.2)))
+    full = VignettingDefect(flat_field=gain.clamp(min=0.5)).corrected(LightField(torch.full((3, 3, 3, 8, 8), 0.2)))
     assert full.weight is None
 
 
 def interior_psnr(field, truth, slopes):
-    stack = OperatorRefocuser("cells", shift_and_sum_through_cells)(field, slopes)
+    stack = OperatorRefocuser("cells", shift_and_sum_antialiased)(field, slopes)
     return float(psnr(stack[..., 24:-24, 24:-24], truth[..., 24:-24, 24:-24]).mean())
 
 
@@ -135,7 +135,7 @@ def test_corrected_pictures_are_near_the_truth(defect):
     truth = simulate(sim30.SCENES["vignetting"], outputs=("truth",), slopes=slopes).truth
     assert interior_psnr(field, truth, slopes) < 25
     assert interior_psnr(defect.corrected(field), truth, slopes) > 40
-    assert interior_psnr(vignetting.find_by_white(white("vignetting")).corrected(field), truth, slopes) > 45
+    assert interior_psnr(vignetting.find_by_flat_field(white("vignetting")).corrected(field), truth, slopes) > 45
 
 
 def shaded():
@@ -149,11 +149,11 @@ def shaded():
 def test_noise_is_smoothed_away_and_dust_stays():
     field = shaded()
     noisy = field + 0.01 * torch.randn(field.shape)
-    exact, _ = vignetting.white_gain(field)
-    gains, estimated = vignetting.white_gain(noisy)
+    exact, _ = vignetting.flat_field_gain(field)
+    gains, estimated = vignetting.flat_field_gain(noisy)
     error = float((gains - exact)[..., 10:-10, 10:-10].std())
     assert error < 0.005
     assert error == pytest.approx(estimated, rel=0.5)
     field[0, 0, :, 20, 20] *= 0.5
-    dusty = float(vignetting.white_gain(field)[0][0, 0, 0, 20, 20])
+    dusty = float(vignetting.flat_field_gain(field)[0][0, 0, 0, 20, 20])
     assert dusty == pytest.approx(0.5 * float(exact[0, 0, 0, 20, 20]), rel=0.02)

@@ -86,7 +86,7 @@ def test_the_shipped_refnet_reads_the_central_views_and_brings_its_planes(lfref,
     assert status == 0, error
     stack, planes = read_stack(tmp_path / "out" / "stack.exr")
     assert planes.alphas == tuple(step / 8 for step in range(1, 17))
-    expected = load("refnet")(read(field, views=[7, 7]), planes.slopes)
+    expected = load("refnet")(read(field, angular_size=[7, 7]), planes.slopes)
     torch.testing.assert_close(stack, expected, atol=1e-3, rtol=0)
 
 
@@ -98,7 +98,7 @@ def test_eval_writes_every_plane_and_the_means_and_the_report_shows_them(lfref, 
     assert len(planes) == 2 * 4 * 2 * 16
     assert len(summary) == 2 * 4 * 2
     kinds = {row["method"]: row["is_network"] for row in summary}
-    classical = ("shift_and_sum_through_cells", "mean_of_views", "shift_and_sum")
+    classical = ("shift_and_sum_antialiased", "mean_of_views", "shift_and_sum")
     assert kinds == {"run": "True"} | dict.fromkeys(classical, "False")
     assert len([*(trained / "eval" / "crops").glob("*.png")]) == 5
     assert json.loads((trained / "eval" / "machine.json").read_text())["torch"] == timing.version("torch")

@@ -7,7 +7,7 @@ import torch
 from omegaconf import OmegaConf
 
 from lfref.cli import config as configs
-from lfref.cli.bench import GROUPS as SUITES
+from lfref.cli.bench import SUITES
 from lfref.errors import InputError
 from lfref.io.read import read
 from lfref.nets.refnet import RefNet
@@ -16,7 +16,7 @@ FOLDER = configs.directory()
 GROUPS = sorted(
     path.relative_to(FOLDER).with_suffix("").as_posix()
     for path in FOLDER.glob("*/*.yaml")
-    if path.parent.name not in ("experiment", "method", "group", "aperture")
+    if path.parent.name not in ("experiment", "method", "suite", "aperture")
 )
 
 
@@ -57,10 +57,10 @@ def test_every_method_composes_and_refocuses(composed, name):
     torch.testing.assert_close(stack, torch.full_like(stack, 0.5), atol=1e-3, rtol=0)
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in (FOLDER / "group").glob("*.yaml")))
+@pytest.mark.parametrize("name", sorted(path.stem for path in (FOLDER / "suite").glob("*.yaml")))
 def test_every_group_of_bench_composes_and_has_a_command(composed, name):
-    config = composed("bench", f"group={name}")
-    assert config.group == name
+    config = composed("bench", f"suite={name}")
+    assert config.suite == name
     assert name in SUITES
     methods = config.get("methods", {})
     assert [method.name for method in configs.build(methods).values()] == list(methods)

@@ -81,8 +81,8 @@ def test_a_refiner_passes_a_fast_dev_run(composed, tmp_path, monkeypatch):
     monkeypatch.setattr(Refining, "training_step", watched)
     command.train(composed("train", "experiment=refiner", *small, *data, *FAST, "~callbacks.average"), tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
-    with pytest.raises(CheckpointError, match=r"learned.safetensors: .* must be"):  # the shipped network is wider
-        command.train(composed("train", "experiment=refiner", "start=learned", *small, *data, *FAST), tmp_path)
+    with pytest.raises(CheckpointError, match=r"refiner.safetensors: .* must be"):  # the shipped network is wider
+        command.train(composed("train", "experiment=refiner", "init_from=refiner", *small, *data, *FAST), tmp_path)
 
 
 LABELS = [[f"label={path.stem}"] for path in sorted((configs.directory() / "label").glob("*.yaml"))]

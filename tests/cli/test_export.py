@@ -32,7 +32,7 @@ def test_a_checkpoint_becomes_a_file_that_loads(format, lfref, tmp_path):
     [
         (("format=tensorrt",), "suffix"),
         (("method=fourier_slice",), "network"),
-        (("method=learned",), "refiner"),
+        (("method=refiner",), "refiner"),
         (("method=separable_wiener", "format=safetensors"), "refiners"),
     ],
 )

@@ -98,8 +98,8 @@ def test_operators_read_all_views_and_networks_as_many_as_theirs(tmp_path, caplo
     network = NetworkRefocuser(RefNet(n_planes=2, grid=(3, 3), widths=(4,), stem_width=4), even_planes(2), "mine")
     field = write(tmp_path / "a", LightField(torch.rand(5, 5, 3, 16, 18)))
     assert steps.read_field(field, config(), [SHIFTS]).grid == (5, 5)
-    assert torch.equal(steps.read_field(field, config(), [SHIFTS, network]).views, read(field, views=3).views)
-    assert steps.read_field(field, config(views=5), [network]).grid == (5, 5)
+    assert torch.equal(steps.read_field(field, config(), [SHIFTS, network]).views, read(field, angular_size=3).views)
+    assert steps.read_field(field, config(angular_size=5), [network]).grid == (5, 5)
     (field / "a_01_02.png").unlink()
     steps.read_field(field, config(holes=True))
     assert "1 of 25 views are missing" in caplog.text
@@ -224,7 +224,10 @@ def test_what_is_found_in_one_capture_is_applied_to_the_next(lfref, profile, gre
 def test_a_white_picture_is_read_like_the_input_and_tells_vignetting(lfref, tmp_path):
     capture = write(tmp_path / "capture.exr", scenes.recorded("vignetting"))
     white = write(tmp_path / "white.exr", scenes.white("vignetting"))
-    assert lfref("refocus", capture, f"white={white}", "reader.views=5", f"output={tmp_path}/out", *QUICK)[0] == 0
+    assert (
+        lfref("refocus", capture, f"flat_field={white}", "reader.angular_size=5", f"output={tmp_path}/out", *QUICK)[0]
+        == 0
+    )
     stack, _ = read_stack(tmp_path / "out" / "stack.exr")
     truth = shift_and_sum(scenes.clean("vignetting").views[1:6, 1:6], [-0.5, 0.5])
     assert (stack - truth)[..., 8:-8, 8:-8].square().mean().sqrt() < 0.01

@@ -26,13 +26,13 @@ def test_training_is_guarded_and_what_is_null_is_left_out(composed):
 
 def test_a_training_that_starts_from_a_file_keeps_its_weights(composed, tmp_path):
     words, files = (*TINY, "trainer.max_epochs=1", "callbacks.pictures=null"), []
-    start = f"start={tmp_path}/first/checkpoints/last.ckpt"
+    start = f"init_from={tmp_path}/first/checkpoints/last.ckpt"
     for name, more in {"first": (), "second": ("optimizer.lr=0", start)}.items():
         command.train(composed("train", *words, *more, f"folder={tmp_path / name}"), tmp_path / name)
         files.append(tmp_path / name / "checkpoints" / "last.ckpt")
     first, second = (load(file).network.state_dict() for file in files)
     assert all(torch.equal(value, second[name]) for name, value in first.items())
-    assert not callbacks(_trainer(composed("train", f"start={files[0]}")), Initialization)
+    assert not callbacks(_trainer(composed("train", f"init_from={files[0]}")), Initialization)
     assert callbacks(_trainer(composed("train")), Initialization)
 
 

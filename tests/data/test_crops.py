@@ -55,7 +55,7 @@ def batch_at(field, labels, corners, margin=None):
     return labelled(collated([crops.cut(stored, *corner) for corner in corners]), labels, PATCH)
 
 
-@pytest.mark.parametrize("options", [{"border": "edge"}, {"interpolation": "nearest"}, {"fill": 1.0}, {}])
+@pytest.mark.parametrize("options", [{"border": "edge"}, {"interpolation": "nearest"}, {"fill_factor": 1.0}, {}])
 @pytest.mark.parametrize("weight", [False, True])
 def test_a_patch_has_the_label_of_the_whole_field_everywhere(options, weight):
     field, labels = noise(weight=weight), label_of(**options)
@@ -84,8 +84,8 @@ def test_without_a_margin_a_patch_is_a_light_field_of_its_own(operator):
         ((2.0,), (3, 9), {}, 3),
         ((0.5,), (1, 1), {}, 1),
         # At alpha .125 the slope is -7: a cell of one view step blurs by seven pixels, taps on either side included.
-        ((0.125, 1.0), (7, 7), {"fill": 1.0}, 22 + 5),
-        ((0.125, 1.0), (7, 7), {"fill": 0.5}, 22 + 3),
+        ((0.125, 1.0), (7, 7), {"fill_factor": 1.0}, 22 + 5),
+        ((0.125, 1.0), (7, 7), {"fill_factor": 0.5}, 22 + 3),
     ],
 )
 def test_the_margin_by_hand(alphas, grid, options, margin):

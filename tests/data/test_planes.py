@@ -85,7 +85,7 @@ def test_another_recipe_or_version_is_another_set(tmp_path, monkeypatch):
         for change in (
             {"seed": 6}, {"grids": ((3, 3),)}, {"features": tuple(FEATURES)[:2]}, {"correct": "none"}, {"ideal": 0.2},
             {"base": OperatorRefocuser("other", shift_and_sum)},
-            {"base": OperatorRefocuser("shift_and_sum", functools.partial(shift_and_sum, fill=1.0))},
+            {"base": OperatorRefocuser("shift_and_sum", functools.partial(shift_and_sum, fill_factor=1.0))},
             {"scenes": dataclasses.replace(SCENES, disparities=(-2.0, 1.0))},
         )
     ]  # fmt: skip

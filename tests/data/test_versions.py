@@ -46,7 +46,7 @@ def decoded(folder):
     images.write_image(folder / "eslf.png", lenslets.numpy(), bits=8)
     np.save(folder / "array.npy", samples.numpy())
     read = {kind: reader.read(path) for kind, path in paths.items()}
-    read["eslf"] = reader.read(folder / "eslf.png", lenslet=3, views=3)
+    read["eslf"] = reader.read(folder / "eslf.png", lenslet=3, angular_size=3)
     read["array"] = reader.read(folder / "array.npy", axes="vuchw")
     return torch.stack([field.views for field in read.values()])
 

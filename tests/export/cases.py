@@ -6,7 +6,7 @@ from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser
 
@@ -39,5 +39,5 @@ def refiner():
         if isinstance(layer, torch.nn.Conv2d):
             torch.nn.init.kaiming_normal_(layer.weight)
     net.head[1].bias[-4:] = 3.0  # the gate, of each of four pixels, is open
-    base = OperatorRefocuser("cells", shift_and_sum_through_cells)
+    base = OperatorRefocuser("cells", shift_and_sum_antialiased)
     return RefinedRefocuser(net, base, FEATURES, "refined")

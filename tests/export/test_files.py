@@ -92,7 +92,7 @@ def test_separable_wiener_is_computed_for_any_slopes_sizes_and_weights(tmp_path)
 
 
 def test_what_no_graph_computes_is_refused(tmp_path):
-    for refocuser in (OperatorRefocuser("slice", fourier_slice), lfref.load("learned")):
+    for refocuser in (OperatorRefocuser("slice", fourier_slice), lfref.load("refiner")):
         with pytest.raises(InputError, match="a graph must be of a network"):
             exported(refocuser, tmp_path / "net.onnx")
     with pytest.raises(InputError, match=r"must be one of \.onnx, \.pt2, \.safetensors"):

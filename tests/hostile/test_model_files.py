@@ -132,12 +132,12 @@ def save_refiner(path, options=(), **arguments):
         {"n_features": 10**12},
         {"n_blocks": 10**9},
         {"options": {"n_layers": 101}},
-        {"options": {"fill": 1e9}},
+        {"options": {"fill_factor": 1e9}},
         {"options": {"out": {}}},
     ],
 )
 def test_a_refiner_that_asks_for_memory_is_refused(tmp_path, arguments):
-    save_refiner(tmp_path / "net.ckpt", {"n_layers": 100, "fill": 0.5, "border": "edge"})
+    save_refiner(tmp_path / "net.ckpt", {"n_layers": 100, "fill_factor": 0.5, "border": "edge"})
     assert isinstance(lfref.load(tmp_path / "net.ckpt"), networks.RefinedRefocuser)
     save_refiner(tmp_path / "net.ckpt", **arguments)
     refused(tmp_path / "net.ckpt")

@@ -115,7 +115,7 @@ def test_a_reader_takes_positions_of_the_views_that_it_keeps(view_folder, tmp_pa
     path = table(tmp_path / "a.csv", "row,column,v,u", 31 * UNEVEN)
     field = read.read(folder, positions=path)
     np.testing.assert_allclose(field.positions.numpy(), cameras.normalised(UNEVEN, ALL, "a"))
-    window = read.read(folder, positions=path, views=2, start=1).positions.numpy()
+    window = read.read(folder, positions=path, angular_size=2, start=1).positions.numpy()
     np.testing.assert_allclose(window, cameras.normalised(UNEVEN[1:, 1:], ALL[1:, 1:], "a"))
     turned = read.read(folder, positions=path, reverse_v=True).positions.numpy()
     np.testing.assert_allclose(turned, field.positions.numpy()[::-1] * (-1, 1))

@@ -51,7 +51,8 @@ def test_upright_rows_of_hexagonal_lenslets_are_found(tmp_path):
     images.write_image(tmp_path / "level.png", level[..., None], bits=16)
     images.write_image(tmp_path / "upright.png", np.ascontiguousarray(level.T)[..., None], bits=16)
     one, other = (
-        read.read(tmp_path / name, views=views) for name, views in {"level.png": (3, 5), "upright.png": (5, 3)}.items()
+        read.read(tmp_path / name, angular_size=views)
+        for name, views in {"level.png": (3, 5), "upright.png": (5, 3)}.items()
     )
     np.testing.assert_allclose(other.views.permute(1, 0, 2, 4, 3), one.views, atol=1e-6)
 
@@ -78,7 +79,9 @@ def test_views_of_the_real_capture_are_none_and_its_lenslets_are(lytro, tmp_path
     views = read.read(lytro, encoding="none", size=(200, 250)).views
     whole = (255 * views).round().byte().permute(3, 0, 4, 1, 2).reshape(200 * 9, 250 * 9, 3).numpy()
     images.write_image(tmp_path / "b.png", whole)
-    np.testing.assert_array_equal(read.read(tmp_path / "b.png", lenslet=9, views=9, encoding="none").views, views)
+    np.testing.assert_array_equal(
+        read.read(tmp_path / "b.png", lenslet=9, angular_size=9, encoding="none").views, views
+    )
     for wrong in (3, 7, 10, 14, 18):
         with pytest.raises(FileError):
             read.read(tmp_path / "b.png", lenslet=wrong)
@@ -89,7 +92,7 @@ def test_a_focused_camera_is_named(tmp_path, pitch, depth, blurs):
     lattice, size = photographs.frontal(pitch), (620, 700)
     path = written(tmp_path / "a.png", photographs.focused_sensor(lattice, size, depth, blurs))
     white = written(tmp_path / "white.png", white_image(lattice, size))
-    for options in ({}, {"white": white}):
+    for options in ({}, {"calibration": white}):
         with pytest.raises(FileError, match="focused"):
             read.read(path, **options)
     assert read.read(path, pitch=lattice.pitch, offset=lattice.origin, lattice="hexagonal").grid == (7, 7)
@@ -115,7 +118,7 @@ def test_only_the_right_pitch_is_read_whether_or_not_it_divides_the_size(tmp_pat
     image = aligned(pitch, extra=extra)
     images.write_image(tmp_path / "a.png", image)
     expected = images.to_float(lenslets.unpack(image, pitch))
-    view = read.read(tmp_path / "a.png", lenslet=pitch, views=1, start=1, encoding="none").views[0, 0]
+    view = read.read(tmp_path / "a.png", lenslet=pitch, angular_size=1, start=1, encoding="none").views[0, 0]
     np.testing.assert_array_equal(view, expected[1, 1])
     for wrong in {5, 7, 9, 15} - {pitch}:
         with pytest.raises(FileError, match=rf"set reader\.lenslet={pitch}"):
@@ -126,7 +129,7 @@ def test_aligned_lenslets_with_dark_gaps_are_read_as_their_pixels(tmp_path):
     lattice = upright((15.0, 15.0), (7.0, 7.0))
     image = (65535 * sensor(lattice, size=(450, 480))).astype(np.uint16)[..., None]
     images.write_image(tmp_path / "a.png", image)
-    field = read.read(tmp_path / "a.png", lenslet=15, views=15, encoding="none")
+    field = read.read(tmp_path / "a.png", lenslet=15, angular_size=15, encoding="none")
     np.testing.assert_array_equal(field.views, images.to_float(lenslets.unpack(image, 15)))
 
 

@@ -78,7 +78,7 @@ def true_views(shape, place, v0, u0):
 @pytest.mark.parametrize("is_hexagonal", [False, True])
 def test_a_white_image_is_all_that_it_takes(camera, tmp_path, is_hexagonal):
     lattice = camera(is_hexagonal=is_hexagonal)
-    field = read.read(tmp_path / "a.png", white=tmp_path / "white.png", encoding="linear")
+    field = read.read(tmp_path / "a.png", calibration=tmp_path / "white.png", encoding="linear")
     assert field.grid == (7, 7)
     assert field.weight is None
     white = white_image(lattice, SIZE, width=0.5)
@@ -90,13 +90,13 @@ def test_a_white_image_is_all_that_it_takes(camera, tmp_path, is_hexagonal):
 
 def test_the_same_views_come_from_options(camera, tmp_path):
     lattice = camera()
-    found = read.read(tmp_path / "a.png", white=tmp_path / "white.png", encoding="linear")
+    found = read.read(tmp_path / "a.png", calibration=tmp_path / "white.png", encoding="linear")
     said = read.read(
         tmp_path / "a.png",
         pitch=lattice.pitch[1],
         offset=lattice.origin,
         rotation=0.3,
-        white=tmp_path / "white.png",
+        calibration=tmp_path / "white.png",
         encoding="linear",
     )
     torch.testing.assert_close(found.views, said.views, rtol=0, atol=1e-3)
@@ -132,7 +132,7 @@ def test_a_white_image_that_does_not_fit_is_refused(camera, tmp_path, white):
     camera()
     images.write_image(tmp_path / "other.png", white)
     with pytest.raises(FileError, match=r"other\.png"):
-        read.read(tmp_path / "a.png", white=tmp_path / "other.png")
+        read.read(tmp_path / "a.png", calibration=tmp_path / "other.png")
 
 
 def test_a_fractional_pitch_is_enough_where_lenslets_are_dark_at_their_borders(camera, tmp_path):
@@ -144,7 +144,9 @@ def test_a_fractional_pitch_is_enough_where_lenslets_are_dark_at_their_borders(c
     assert float((beside - beside.flip(0, 1)).abs().max()) > 0.1
 
 
-@pytest.mark.parametrize("options", [{"start": 8}, {"views": 15}, {"views": 0}, {"start": -1}, {"pitch": 400.5}])
+@pytest.mark.parametrize(
+    "options", [{"start": 8}, {"angular_size": 15}, {"angular_size": 0}, {"start": -1}, {"pitch": 400.5}]
+)
 def test_options_that_do_not_fit_are_refused(tmp_path, options):
     images.write_image(tmp_path / "a.png", np.zeros((28, 28, 3)))
     with pytest.raises(LfrefError):

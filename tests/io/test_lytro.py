@@ -68,7 +68,7 @@ def expected(field, used, truth, camera, look=drawing.scene):
 def test_views_are_linear_srgb_of_the_scene(written, camera, lattices):
     truth = drawing.true_lattice(camera)
     picture, white = written(camera)
-    field = read.read(picture, white=white, views=5)
+    field = read.read(picture, calibration=white, angular_size=5)
     level = np.percentile(drawing.white_spots(camera, truth), 99)
     assert field.is_linear
     assert (field.metadata["format"], field.metadata["encoding"]) == ("lytro", "linear")
@@ -76,7 +76,7 @@ def test_views_are_linear_srgb_of_the_scene(written, camera, lattices):
     # Each colour on its own: white balance, matrix and black level are right to a hundredth.
     errors = (field.views.numpy() / level - expected(field, lattices[0], truth, camera)).mean(axis=(0, 1, 3, 4))
     assert abs(errors).max() < 0.003
-    assert read.read(picture, white=white).grid == (7, 7)
+    assert read.read(picture, calibration=white).grid == (7, 7)
 
 
 @EACH_CAMERA
@@ -95,7 +95,7 @@ def test_the_lattice_is_refined_by_the_white_image(written, camera, shift, stret
     origin = said.origin[0] + shift, said.origin[1] - shift
     truth = lenslet_lattice.upright(pitch, origin, said.rotation + turn, is_hexagonal=True)
     picture, white = written(camera, truth)
-    read.read(picture, white=white)
+    read.read(picture, calibration=white)
     assert distance(lattices[0], truth, camera.size) < 0.05
     assert distance(said, truth, camera.size) > 0.5
 
@@ -103,7 +103,7 @@ def test_the_lattice_is_refined_by_the_white_image(written, camera, shift, stret
 @EACH_CAMERA
 def test_without_a_white_image_the_picture_itself_shows_the_lattice(written, camera, lattices):
     picture, _ = written(camera, width=0.34)
-    field = read.read(picture, views=3)
+    field = read.read(picture, angular_size=3)
     assert field.weight is None
     assert distance(lattices[0], drawing.true_lattice(camera), camera.size) < 0.05
     truth = expected(field, lattices[0], drawing.true_lattice(camera), camera)
@@ -174,7 +174,7 @@ def test_saturated_pixels_are_white_in_all_views(tmp_path):
     frame = drawing.frame_record(camera)
     path = drawing.write_raw(tmp_path / "glare.lfp", camera, glare, frame)
     white = drawing.write_raw(tmp_path / "white.lfp", camera, drawing.white_samples(camera, truth), frame)
-    field = read.read(path, white=white, views=5)
+    field = read.read(path, calibration=white, angular_size=5)
     torch.testing.assert_close(field.views, torch.ones_like(field.views), rtol=0, atol=1e-4)
 
 
@@ -186,7 +186,7 @@ def test_a_white_image_in_the_container_is_used_by_itself(tmp_path, written):
         tmp_path / "both.lfr", camera, drawing.picture_samples(camera, truth), drawing.frame_record(camera),
         white=drawing.packed(drawing.white_samples(camera, truth), 10),
     )  # fmt: skip
-    one, other = read.read(both, views=5), read.read(picture, white=white, views=5)
+    one, other = read.read(both, angular_size=5), read.read(picture, calibration=white, angular_size=5)
     torch.testing.assert_close(one.views, other.views, rtol=0, atol=0)
 
 

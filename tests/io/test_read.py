@@ -32,7 +32,7 @@ def test_options_mean_the_same_for_every_format(tmp_path, make_field, suffix):
         ((3, 2), True, False, True): lambda views: views[1:3, 1:4].transpose(0, 1).flip(0),
     }
     for (views, reverse_v, reverse_u, transpose), change in cases.items():
-        options = {"views": views, "start": None if views is None else 1, "size": (4, 2)}
+        options = {"angular_size": views, "start": None if views is None else 1, "size": (4, 2)}
         back = read.read(path, reverse_v=reverse_v, reverse_u=reverse_u, transpose=transpose, **options)
         assert back.views.is_contiguous()
         torch.testing.assert_close(back.views, change(field.views)[..., :4, :2], rtol=0, atol=0)
@@ -49,9 +49,9 @@ def test_views_numbered_down_the_columns_are_read_with_the_grid_of_the_light_fie
 
 
 FOREIGN = {
-    "folder": {"lenslet": 15, "pitch": 14.3, "lattice": "square", "white": "w.png", "axes": "vuhwc"},
+    "folder": {"lenslet": 15, "pitch": 14.3, "lattice": "square", "calibration": "w.png", "axes": "vuhwc"},
     "eslf": {"pattern": "index", "grid": (3, 4), "holes": True, "variable": "LF"},
-    "exr": {"pattern": "index", "grid": (3, 4), "lenslet": 15, "white": "w.png", "axes": "vuhwc"},
+    "exr": {"pattern": "index", "grid": (3, 4), "lenslet": 15, "calibration": "w.png", "axes": "vuhwc"},
     "array": {"pattern": "index", "holes": False, "lenslet": 15, "pitch": 14.3},
 }
 """Format -> options of `read` that concern others."""
@@ -109,11 +109,11 @@ def test_what_is_no_light_field_is_one_line(tmp_path, one_line, head):
 
 def test_one_entry_is_enough_for_a_format(tmp_path, monkeypatch):
     def read_views(path, options):
-        return Samples(np.full((*(options.views or (1, 1)), 3, 2, 2), 255, np.uint8), None, encoding.SRGB)
+        return Samples(np.full((*(options.angular_size or (1, 1)), 3, 2, 2), 255, np.uint8), None, encoding.SRGB)
 
     new = read.Format("new", "a new file", (b"NEW!",), (".new",), read_views)
     monkeypatch.setattr(read, "FORMATS", (*read.FORMATS, new))
     (tmp_path / "a.new").write_bytes(b"NEW! and more")
     assert read.find(tmp_path) == [tmp_path / "a.new"]
-    field = read.read(tmp_path / "a.new", views=3)
+    field = read.read(tmp_path / "a.new", angular_size=3)
     assert (field.grid, field.metadata["format"], float(field.views.min())) == ((3, 3), "new", 1)

@@ -23,7 +23,7 @@ def test_every_option_of_the_reader_has_its_default():
 
 def test_lists_of_a_configuration_are_as_good_as_tuples(view_folder):
     folder = view_folder({(0, index): f"{index}.png" for index in range(6)})
-    field = read.read(folder, views=[2, 2], grid=[2, 3], size=[2, 1], spacing=[1, 2], pattern="index")
+    field = read.read(folder, angular_size=[2, 2], grid=[2, 3], size=[2, 1], spacing=[1, 2], pattern="index")
     assert (field.grid, field.size, field.positions.shape) == ((2, 2), (2, 1), (2, 2, 2))
 
 
@@ -56,7 +56,7 @@ def test_one_pitch_is_that_of_neighbours():
 
 def test_options_count_more_than_what_an_image_shows():
     shown = made()
-    assert lenslets.overridden(shown, ReadOptions.parse(white="w.png")) == shown
+    assert lenslets.overridden(shown, ReadOptions.parse(calibration="w.png")) == shown
     assert lenslets.overridden(shown, ReadOptions.parse(offset=[1, 2])).origin == (1, 2)
     turned = lenslets.overridden(shown, ReadOptions.parse(rotation=-1))
     assert (turned.rotation, turned.pitch) == (pytest.approx(-1), pytest.approx(shown.pitch))

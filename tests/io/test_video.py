@@ -98,11 +98,13 @@ def test_a_grid_is_taken_row_by_row_or_on_a_serpentine_path(tmp_path, options, t
     path = film(tmp_path / "a.mkv", taken)
     field = read.read(path, grid=(3, 4), encoding="none", **options)
     np.testing.assert_allclose(field.views.numpy(), np.array(views).transpose(0, 1, 4, 2, 3) / 255, atol=1e-6)
-    window = read.read(path, grid=(3, 4), views=2, start=1, encoding="none", **options)
+    window = read.read(path, grid=(3, 4), angular_size=2, start=1, encoding="none", **options)
     assert window.views.equal(field.views[1:3, 1:3])
 
 
-@pytest.mark.parametrize("options", [{"grid": (3, 3)}, {"pattern": "row_column"}, {"views": (2, 2)}, {"lenslet": 15}])
+@pytest.mark.parametrize(
+    "options", [{"grid": (3, 3)}, {"pattern": "row_column"}, {"angular_size": (2, 2)}, {"lenslet": 15}]
+)
 def test_options_that_do_not_fit_a_film_are_refused(tmp_path, options):
     path = film(tmp_path / "a.mkv", ROW)
     with pytest.raises(InputError):
@@ -114,7 +116,11 @@ def test_a_long_film_is_no_light_field_unless_its_views_are_chosen(tmp_path):
     path = film(tmp_path / "a.mkv", pictures)
     with pytest.raises(InputError):
         read.read(path)
-    assert read.read(path, views=(1, 3), start=0, encoding="none").views[0, :, 0, 0, 0].mul(255).tolist() == [0, 1, 2]
+    assert read.read(path, angular_size=(1, 3), start=0, encoding="none").views[0, :, 0, 0, 0].mul(255).tolist() == [
+        0,
+        1,
+        2,
+    ]
 
 
 @pytest.mark.parametrize("name", ["a.mp4", "a.avi", "a.png", "a.webp"])

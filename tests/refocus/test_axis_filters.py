@@ -73,7 +73,7 @@ def test_the_mean_brightness_passes_unchanged(n_views):
     torch.testing.assert_close(factors.sum(-1), torch.ones(len(SLOPES), dtype=torch.complex128))
 
 
-def test_light_that_nothing_explains_is_summed_through_cells():
+def test_light_that_nothing_explains_is_summed_antialiased():
     # With next to no power at disparities, the picture is the plain sum, through the cell of the mean disparity.
     spectrum = AxisSpectrum(aliased=0.3, unexplained=1e6)
     filters, _ = designed(5, spectrum)

@@ -14,7 +14,7 @@ from lfref.errors import InputError
 from lfref.refocus import batches
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.homography import homography, slope_homographies
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
 from lfref.refocus.surface import per_pixel, tilt_shift
 from tests.refocus.conftest import dirichlet
 from tests.refocus.slow import slow_shift_and_sum
@@ -104,7 +104,7 @@ def test_all_that_take_cameras_anywhere_agree(kind):
         torch.testing.assert_close(stack, expected, atol=1e-12, rtol=0)
     still, slopes = views[:1, :1].expand_as(views), [-0.9, 0.0, 0.41]
     torch.testing.assert_close(
-        shift_and_sum_through_cells(still, slopes, positions=positions),
+        shift_and_sum_antialiased(still, slopes, positions=positions),
         shift_and_sum(still, slopes, "cubic", positions=positions),
     )
 

@@ -97,26 +97,28 @@ evenly = functools.partial(focal_stack_transform, n_planes=4, first=-1.3, last=0
 # Views and `weights` in, stack out.
 OPERATORS = {
     **with_options(shifted, *PAIRS),
-    "shifted fill": functools.partial(shifted, fill=1.0, disparity=0.21),
-    "shifted fill before a bowl": before_a_bowl(functools.partial(shifted, fill=1.0)),
-    "shifted exact fill": functools.partial(shifted, interpolation="exact", border="edge", fill=1.5, disparity=0.21),
+    "shifted fill": functools.partial(shifted, fill_factor=1.0, disparity=0.21),
+    "shifted fill before a bowl": before_a_bowl(functools.partial(shifted, fill_factor=1.0)),
+    "shifted exact fill": functools.partial(
+        shifted, interpolation="exact", border="edge", fill_factor=1.5, disparity=0.21
+    ),
     **with_options(on_a_bowl, ("nearest", "edge"), ("linear", "zero"), ("cubic", "renormalize")),
     **with_options(through_turned_cameras, ("linear", "renormalize"), ("cubic", "zero")),
     "tilt_shift": tilted,
     "exact_fourier": exactly,
-    "exact_fourier fill": functools.partial(exactly, fill=1.0, disparity=0.21),
-    "exact_fourier fill before a bowl": before_a_bowl(functools.partial(exactly, fill=1.0)),
+    "exact_fourier fill": functools.partial(exactly, fill_factor=1.0, disparity=0.21),
+    "exact_fourier fill before a bowl": before_a_bowl(functools.partial(exactly, fill_factor=1.0)),
     "fourier_slice linear": functools.partial(fourier_slice, slopes=SLOPES, kernel="linear", padding=1),
     "fourier_slice wide": functools.partial(fourier_slice, slopes=SLOPES, width=6, padding=1.5),
     "focal_stack_transform": evenly,
     "mean_of_views": functools.partial(mean_of_views, slopes=SLOPES),
     "refocus_by_layers": functools.partial(refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1, 0.5]),
     "refocus_by_layers wrap": functools.partial(
-        refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1], border="wrap", fill=0.5
+        refocus_by_layers, slopes=SLOPES, disparities=[-0.9, 0.1], border="wrap", fill_factor=0.5
     ),
     "shifted from anywhere": from_anywhere(shifted),
     "shifted exact from anywhere": from_anywhere(functools.partial(shifted, interpolation="exact", border="wrap")),
-    "exact_fourier from anywhere": from_anywhere(functools.partial(exactly, fill=0.4)),
+    "exact_fourier from anywhere": from_anywhere(functools.partial(exactly, fill_factor=0.4)),
     "tilt_shift from anywhere": from_anywhere(functools.partial(tilted, border="edge")),
 }
 
@@ -167,12 +169,12 @@ def test_keeps_the_brightness(name):
 
 @pytest.mark.parametrize("name", ["shifted linear renormalize", "exact_fourier"])
 @settings(deadline=None, max_examples=15)
-@given(fill=st.floats(0, 4), disparity=st.floats(-1, 1), spread=st.floats(0, 1), seed=st.integers(0, 99))
-def test_keeps_the_brightness_at_any_fill_and_disparity(name, fill, disparity, spread, seed):
+@given(fill_factor=st.floats(0, 4), disparity=st.floats(-1, 1), spread=st.floats(0, 1), seed=st.integers(0, 99))
+def test_keeps_the_brightness_at_any_fill_and_disparity(name, fill_factor, disparity, spread, seed):
     generator = torch.Generator().manual_seed(seed)
     behind = disparity + spread * (2 * torch.rand(13, 14, dtype=torch.float64, generator=generator) - 1)
     for disparities in (disparity, behind):
-        operator = functools.partial(OPERATORS[name], fill=fill, disparity=disparities)
+        operator = functools.partial(OPERATORS[name], fill_factor=fill_factor, disparity=disparities)
         contracts.assert_gain_of_1(operator, (3, 4, 1, 13, 14), 1e-6)
 
 

@@ -15,13 +15,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.disparity.disparity_map import disparity_map
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.super_resolution import predicted_views, super_resolve
-from lfref.refocus.occlusion_aware import occlusion_aware
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 
@@ -57,9 +57,9 @@ def reduced() -> tuple[Tensor, ...]:
 RESULTS = {
     "disparity": lambda: tuple(disparity_map(views())),
     "slope range": reduced,
-    "cells": lambda: (shift_and_sum_through_cells(views(), SLOPES),),
+    "cells": lambda: (shift_and_sum_antialiased(views(), SLOPES),),
     "layers": lambda: (refocus_by_layers(views(), SLOPES),),
-    "occlusion aware": lambda: (occlusion_aware(views(), SLOPES),),
+    "occlusion aware": lambda: (blockwise_wiener(views(), SLOPES),),
     "super resolution": lambda: (super_resolve(wall(), SLOPES[1:]),),
     "all in focus": lambda: tuple(all_in_focus(shift_and_sum(views(), torch.linspace(-2, 2, 9).double()))),
     "extended focus": lambda: (extended_focus(views()),),

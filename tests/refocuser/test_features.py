@@ -7,10 +7,10 @@ import torch
 
 from lfref.errors import InputError
 from lfref.lightfield import LightField
+from lfref.refocus.blockwise_wiener import blockwise_wiener, blockwise_wiener_parts
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
 from lfref.refocuser.features import CANDIDATES, FEATURES, candidate, check_names, coverage, refiner_inputs
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
@@ -21,7 +21,7 @@ from lfref.simulator.surfaces import Plane
 from lfref.simulator.textures import Noise
 
 BASE = OperatorRefocuser("shift_and_sum", shift_and_sum)
-CELLS = OperatorRefocuser("cells", shift_and_sum_through_cells)
+CELLS = OperatorRefocuser("cells", shift_and_sum_antialiased)
 SLOPES = torch.tensor([-0.6, 0.4, 2.0], dtype=torch.float64)
 STILL = torch.zeros(1, dtype=torch.float64)
 CHANNELS = dict.fromkeys(FEATURES, 1) | dict.fromkeys((*CANDIDATES, "picture"), 3) | {"defocus": 2, "relief": 2}
@@ -129,16 +129,19 @@ def test_everywhere_is_the_picture_of_the_separable_wiener_estimate():
     made = of(light, slopes, CELLS)
     expected = candidate(separable_wiener(light.views, slopes), made["pictures"], made["unit"])
     torch.testing.assert_close(made["everywhere"], expected, atol=1e-3, rtol=0)
-    # Of its own picture, `occlusion_aware` has the part at hand.
-    made = of(light, slopes, OperatorRefocuser("occlusion_aware", occlusion_aware))
-    expected = candidate(occlusion_aware_parts(light.views, slopes)[:, 3:], made["pictures"], made["unit"])
+    # Of its own picture, `blockwise_wiener` has the part at hand.
+    made = of(light, slopes, OperatorRefocuser("blockwise_wiener", blockwise_wiener))
+    expected = candidate(blockwise_wiener_parts(light.views, slopes)[:, 3:], made["pictures"], made["unit"])
     torch.testing.assert_close(made["everywhere"], expected, atol=1e-3, rtol=0)
 
 
 def test_far_from_focus_blur_by_surfaces_is_not_corrected():
     slopes = torch.tensor([0.3, 4.1, 6.0], dtype=torch.float64)
     light = surface()
-    for base in (OperatorRefocuser("occlusion_aware", occlusion_aware), OperatorRefocuser("layers", refocus_by_layers)):
+    for base in (
+        OperatorRefocuser("blockwise_wiener", blockwise_wiener),
+        OperatorRefocuser("layers", refocus_by_layers),
+    ):
         made = of(light, slopes, base)
         full = 10 ** (2 * (made["error_scale"] - 1.5))
         inner = (..., slice(20, -20), slice(20, -20))

@@ -11,7 +11,7 @@ from lfref.refocuser.networks import SHIPPED, NetworkRefocuser
 from tests.export import cases
 
 SHA256 = {
-    "learned": "6eed3b5543d047bf13658576108e5f1aa1af55438cb00401ec7d0ee4adc9073d",
+    "refiner": "6eed3b5543d047bf13658576108e5f1aa1af55438cb00401ec7d0ee4adc9073d",
     "refnet": "747130e3007b5238f9cf473f1a07ac217a78e81eb4f1fa854791f966d18381f6",
 }
 """Of the files that ship."""

@@ -16,8 +16,8 @@ from lfref.nets import checkpoint
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
 from lfref.refocus import apertures
+from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import networks
 from lfref.refocuser.features import refiner_inputs
@@ -117,7 +117,7 @@ def test_its_pictures_are_nearer_to_the_truth(made, noise, gain):
     views = noisy(made.views, 0.0, noise, torch.randn(made.views.shape)) if noise else made.views
     before, after = (
         psnr(stack[INNER], made.truth[INNER])
-        for stack in (occlusion_aware(views, SLOPES), lfref.load()(LightField(views), SLOPES))
+        for stack in (blockwise_wiener(views, SLOPES), lfref.load()(LightField(views), SLOPES))
     )
     assert float((after - before).mean()) > gain
     # Beyond 70 dB, where nobody sees it, it may lose some.
@@ -201,7 +201,7 @@ def written(path, net, method=BASE, changes=()):
 
 
 def test_a_checkpoint_brings_method_options_and_features_along(refined, tmp_path):
-    layers = OperatorRefocuser("layers", functools.partial(refocus_by_layers, fill=1.0))
+    layers = OperatorRefocuser("layers", functools.partial(refocus_by_layers, fill_factor=1.0))
     path = written(tmp_path / "net.ckpt", refiner(), layers)
     loaded, views = load(path), torch.rand(3, 3, 3, 20, 22)
     expected = RefinedRefocuser(refiner(), layers, NAMES, "net")(views, SLOPES)

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from lfref.errors import InputError
 from lfref.lightfield import LightField
 from lfref.refocus import apertures, batches
+from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
-from lfref.refocus.occlusion_aware import occlusion_aware
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
 from lfref.refocuser.refocuser import (
     OperatorRefocuser,
     Refocuser,
@@ -34,9 +34,9 @@ SLOPES = [-0.5, 0.0, 0.4]
 EVERY = {
     "sum": shift_and_sum,
     "exact": exact_fourier,
-    "cells": shift_and_sum_through_cells,
+    "cells": shift_and_sum_antialiased,
     "layers": refocus_by_layers,
-    "aware": occlusion_aware,
+    "aware": blockwise_wiener,
     "separable": separable_wiener,
     "slice": fourier_slice,
 }

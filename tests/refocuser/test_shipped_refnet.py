@@ -45,7 +45,7 @@ def test_it_explains_most_of_refocusing(network, stacks):
 
 
 def test_it_refocuses_a_real_capture(network, lytro):
-    views = lfref.read(lytro, views=[7, 7]).views
+    views = lfref.read(lytro, angular_size=[7, 7]).views
     labels = shift_and_sum(views, network.planes.slopes)
     shares = explained(network, views, labels, network(views))
     assert shares["near"] > 0.98

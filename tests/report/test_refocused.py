@@ -10,7 +10,7 @@ from torch.nn import functional as F
 
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import pictures
 from lfref.report.refocused import PictureFiles, Refocused, brightening, mean_of_views, without_gaps
@@ -89,7 +89,7 @@ def cornered():
 @pytest.mark.parametrize("slope", [0.0, 1.0, -2.5])
 def test_pixels_that_no_view_shows_continue_those_around_them(cornered, slope):
     slopes = torch.tensor([slope])
-    stack = OperatorRefocuser("cells", shift_and_sum_through_cells)(cornered, slopes)
+    stack = OperatorRefocuser("cells", shift_and_sum_antialiased)(cornered, slopes)
     shown = without_gaps(stack, cornered, slopes)
     assert float((stack[0, 0, [0, 0, -1, -1], [0, -1, 0, -1]]).abs().max()) == 0
     expected = (0.2 + torch.arange(80) / 160).expand(60, 80)

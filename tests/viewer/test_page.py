@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from lfref.functional.psnr import psnr
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
 from tests.viewer import cases
@@ -128,7 +128,7 @@ def test_blur_is_that_of_cells_at_the_disparity_of_each_pixel(opened):
     field, disparity = cases.scene()[0], cases.methods()["linear"].disparity.disparity
     for slope in (-2.0, 2.5):
         ours = inner(pixels(tab, slope=slope))
-        cells = shift_and_sum(field.views, [slope], interpolation="cubic", fill=1.0, disparity=disparity)
+        cells = shift_and_sum(field.views, [slope], interpolation="cubic", fill_factor=1.0, disparity=disparity)
         plain = shift_and_sum(field.views, [slope])
         to_cells, to_plain = (float(psnr(ours, inner(stack[0].double()))) for stack in (cells, plain))
         assert to_cells > max(48, to_plain + 2)
@@ -151,7 +151,7 @@ def test_views_are_restored_from_their_differences(opened, fragment):
 
 def test_samples_without_weight_leave_no_shadow(browser, tmp_path):
     field = cases.with_black_corners()
-    stack = shift_and_sum_through_cells(field.views, cases.PLANES.slopes)
+    stack = shift_and_sum_antialiased(field.views, cases.PLANES.slopes)
     content = view_page.page_content({"cells": Refocused(field, stack, cases.PLANES)})
     assert content["crop"][0] > 0
     assert len(content["views"]["masks"]) == 25

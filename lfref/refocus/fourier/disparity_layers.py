@@ -10,7 +10,7 @@ layers alone (`Layers.refocus`, `Layers.view`).
 |s - d| pixels; exact refocusing E, a sum of points, lacks the factor `c(s - d)` of the cell. Layers say how much light
 of each frequency is at which disparity; the rest counts as light at the mean disparity m:
 `I^_s = c(s - m) E_s + sum_d (c(s - d) - c(s - m)) D(s - d) f_d^`.
-So layers only correct what the cells do: without area (`fill` 0) this is exact refocusing, whatever the layers are.
+So layers only correct what the cells do: without area (`fill_factor` 0) this is exact refocusing with any layers.
 Letters: `u v` view column and row, `N` planes, `K` layers, `F` frequencies, `h w` height and width of a period, `kx ky`
 frequency in cycles per pixel, `s` slope, `d e` disparities in pixels per view step.
 
@@ -201,13 +201,13 @@ class Layers:
     frame: Frame
     """Where the pictures lie in the period [h, w] of the spectra."""
 
-    def refocus(self, slopes: Slopes, weights: Tensor | None = None, fill: float = 1.0) -> Tensor:
-        """Photographs at slopes [N] through an aperture of cells of weights [V, U], `fill` view steps wide: stacks."""
+    def refocus(self, slopes: Slopes, weights: Tensor | None = None, fill_factor: float = 1.0) -> Tensor:
+        """Photographs at slopes [N] through cells of weights [V, U], `fill_factor` view steps wide: stacks."""
         planes = geometry.checked_slopes(slopes, self.grid, self.frame.size)
         aperture = batches.checked_weights(weights, self.grid)
         distances, period = planes[:, None] - self.energies.disparities, self.frame.period
         points = layer_mixing.aperture_response(distances, aperture, period)
-        response = points.times(layer_mixing.cell_response(distances, fill, period))
+        response = points.times(layer_mixing.cell_response(distances, fill_factor, period))
         flat = self.spectra.reshape(-1, *self.spectra.shape[-4:])
         stack = self.frame.pictures(layer_mixing.multiply(flat, response))
         return stack.reshape(*self.spectra.shape[:-4], *stack.shape[1:])
@@ -267,7 +267,7 @@ def refocus_by_layers(
     disparities: Slopes | None = None,
     n_layers: int = 12,
     ridge: float = RIDGE,
-    fill: float = 1.0,
+    fill_factor: float = 1.0,
     weights: Tensor | None = None,
     border: str = "edge",
 ) -> Tensor:
@@ -282,7 +282,7 @@ def refocus_by_layers(
         disparities: Of the layers, in pixels per view step, [K]; None: an even range over those of each light field.
         n_layers: Number of layers where no disparities are given, >= 1.
         ridge: As in `disparity_layers`, above 0.
-        fill: Width of the cell that a view stands for, in view steps, >= 0; 1 leaves no gaps, 0 sums points.
+        fill_factor: Width of the cell that a view stands for, in view steps, >= 0; 1 leaves no gaps, 0 sums points.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
         border: `edge`: the outermost pixels go on beyond the border; `wrap`: the opposite border follows.
 
@@ -300,13 +300,13 @@ def refocus_by_layers(
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.checked_weights(weights, grid)
-    width = footprint.checked(fill, 0.0, views).fill
+    width = footprint.checked(fill_factor, 0.0, views).fill_factor
     stacks = []
     for field in batch:  # each has its own layers
         radiance = batches.radiance(field)
         energies = _energies(radiance, disparities, n_layers, aperture)
         # The bound is no linear function of the views, and its sums have no period.
-        is_free = disparities is None and fill == 1 and border == "edge"
+        is_free = disparities is None and fill_factor == 1 and border == "edge"
         stack = refocus_by_energies(radiance, planes, energies, aperture, ridge, width, border)
         stacks.append(bounded_by_views(stack, radiance, planes, energies, aperture) if is_free else stack)
     return batches.restored(torch.stack(stacks), views)
@@ -338,7 +338,7 @@ def refocus_by_energies(
     energies: Energies,
     aperture: Tensor,
     ridge: float = RIDGE,
-    fill: float = 1.0,
+    fill_factor: float = 1.0,
     border: str = "edge",
 ) -> Tensor:
     """One light field [V, U, C, H, W] refocused at the planes by layers of known energies, [N, C, H, W]."""
@@ -353,8 +353,8 @@ def refocus_by_energies(
     # 3. Correction by each layer: (c(s - d) - c(s - m)) D(s - d).
     distances = planes[:, None] - energies.disparities
     from_mean = (planes - energies.disparities @ energies.shares)[:, None]
-    mean_cell = layer_mixing.cell_response(from_mean.expand_as(distances), fill, frame.period)
-    layer_cells = layer_mixing.cell_response(distances, fill, frame.period)
+    mean_cell = layer_mixing.cell_response(from_mean.expand_as(distances), fill_factor, frame.period)
+    layer_cells = layer_mixing.cell_response(distances, fill_factor, frame.period)
     points = layer_mixing.aperture_response(distances, aperture, frame.period)
     correction = layer_mixing.multiply(layers, points.times(layer_cells.minus(mean_cell)))
     # 4. c(s - m) E, written out: one factor a frequency and plane. Plane by plane, in place of the correction.

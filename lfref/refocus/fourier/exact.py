@@ -48,7 +48,7 @@ def exact_fourier(
     views: Tensor,
     slopes: Slopes,
     weights: Tensor | None = None,
-    fill: float = 0.0,
+    fill_factor: float = 0.0,
     disparity: float | Tensor = 0.0,
     positions: Tensor | None = None,
 ) -> Tensor:
@@ -58,7 +58,7 @@ def exact_fourier(
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
         slopes: Focus in pixels per view step, [N].
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
-        fill: Side of a view's cell in view steps, >= 0, as in `shift_and_sum`.
+        fill_factor: Side of a view's cell in view steps, >= 0, as in `shift_and_sum`.
         disparity: Of the scene, in pixels per view step, as in `shift_and_sum`.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
@@ -76,14 +76,17 @@ def exact_fourier(
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    planes, cell = batches.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
+    planes, cell = (
+        batches.checked_slopes(slopes, grid, size, positions),
+        footprint.checked(fill_factor, disparity, views),
+    )
     cameras, aperture = batches.lines(grid, positions), batches.checked_weights(weights, grid)
     ky, kx = frequencies(size[0]), half_frequencies(size[1])
     rows = shift_phases(ky, planes[:, None] * cameras.rows) * cell.responses(planes, ky)
     columns = shift_phases(kx, planes[:, None, None] * cameras.columns) * cell.responses(planes, kx)[:, None]
     views_of_lines = batch.reshape(len(batch), *cameras.shape, *batch.shape[3:])
     stack = filter_and_sum(views_of_lines, rows, columns, aperture.reshape(cameras.shape))
-    if cell.fill > 0 and cell.varies:  # a constant blur is part of the spectrum
+    if cell.fill_factor > 0 and cell.varies:  # a constant blur is part of the spectrum
         stack = footprint.blurred(stack, cell.widths(planes), BORDERS["wrap"])
     return batches.restored(stack, views)
 

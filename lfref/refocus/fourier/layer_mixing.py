@@ -1,11 +1,12 @@
 """Spectra of layers mixed by a small matrix at each frequency: the arithmetic of `disparity_layers`.
 
 A layer at disparity d, behind weights w_uv with the focus at s, is multiplied at each frequency by the transform
-of the aperture, and, where each view stands for a cell `fill` view steps wide, by that of the cell; with e = s - d:
+of the aperture, and, where each view stands for a cell p = `fill_factor` view steps wide, by that of the cell; with
+e = s - d:
 
-    D(e) = sum_uv w_uv exp(2 pi i e ((u - u0) kx + (v - v0) ky)),   c(e) = sinc(fill e kx) sinc(fill e ky).
+    D(e) = sum_uv w_uv exp(2 pi i e ((u - u0) kx + (v - v0) ky)),   c(e) = sinc(p e kx) sinc(p e ky).
 
-For U x V equal weights and fill 1 the product is the transform of the whole square, sinc(U e kx) sinc(V e ky).
+For U x V equal weights and p = 1 the product is the transform of the whole square, sinc(U e kx) sinc(V e ky).
 The matrices are sums of few products of a row factor and a column factor and are formed frequency by frequency: written
 out they would exceed the views. Compiled loops serve the CPU; PyTorch serves derivatives and other devices.
 `disparity_layers` says what is solved; this file says how, and knows no light fields.
@@ -74,10 +75,10 @@ def aperture_response(distances: Tensor, aperture: Tensor, size: tuple[int, int]
     return Matrices(rows[..., counts, :], columns[..., counts, :])
 
 
-def cell_response(distances: Tensor, fill: float, size: tuple[int, int]) -> Matrices:
-    """c at each distance [m, n], for cells `fill` view steps wide; otherwise as `aperture_response`."""
+def cell_response(distances: Tensor, fill_factor: float, size: tuple[int, int]) -> Matrices:
+    """c at each distance [m, n], for cells `fill_factor` view steps wide; otherwise as `aperture_response`."""
     frequencies = exact.frequencies(size[0]), exact.half_frequencies(size[1])
-    return Matrices(*(torch.sinc(fill * distances[..., None, None] * k) for k in frequencies))
+    return Matrices(*(torch.sinc(fill_factor * distances[..., None, None] * k) for k in frequencies))
 
 
 class Frame(NamedTuple):

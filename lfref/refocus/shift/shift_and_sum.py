@@ -5,7 +5,7 @@ The shift is separable, so each plane takes a horizontal pass over every view ro
 then be seen through cells instead of points of the aperture: see `footprint`. This module checks the arguments and
 chooses who computes: `shift_numba` or `shift_torch`, both by one `shift_plan`.
 
-`shift_and_sum_through_cells` chooses cells by the scene: nearly the picture of the slow methods, at twice linear's
+`shift_and_sum_antialiased` chooses cells by the scene: nearly the picture of the slow methods, at twice linear's
 time. In planes beyond the disparities of the scene all is blurred, and a sum of points would show copies. There each
 view stands for its whole cell: its box is as wide as the plane is from the middle disparity. Planes among the
 disparities stay sums of points, since cells of one width would blur what is in focus. `disparity_range` finds these
@@ -40,7 +40,7 @@ def shift_and_sum(
     interpolation: str = "linear",
     border: str = "renormalize",
     weights: Tensor | None = None,
-    fill: float = 0.0,
+    fill_factor: float = 0.0,
     disparity: float | Tensor = 0.0,
     positions: Tensor | None = None,
 ) -> Tensor:
@@ -52,8 +52,8 @@ def shift_and_sum(
         interpolation: `nearest`, `linear`, `cubic` or `exact` (Fourier shift).
         border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
-        fill: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the integral
-            over the aperture.
+        fill_factor: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the
+            integral over the aperture.
         disparity: Of the scene, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
             one for each light field, [..., H, W].
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
@@ -72,11 +72,14 @@ def shift_and_sum(
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    planes, cell = batches.checked_slopes(slopes, grid, size, positions), footprint.checked(fill, disparity, views)
+    planes, cell = (
+        batches.checked_slopes(slopes, grid, size, positions),
+        footprint.checked(fill_factor, disparity, views),
+    )
     widths = None if cell.varies else cell.widths(planes).abs().tolist()
     plan = shift_plan.plan(planes, grid, size, interpolation, border, weights, widths, positions)
     stack = planned_stack(batch, plan)
-    if widths is None and cell.fill > 0:
+    if widths is None and cell.fill_factor > 0:
         covered = torch.stack([plan.coverage(shifts) for shifts in plan.planes])
         stack = footprint.blurred(stack, cell.widths(planes), plan.border, covered)
     return batches.restored(stack, views)
@@ -213,7 +216,7 @@ LEAST_BLUR = 1.0
 
 
 @has_traits("compares")
-def shift_and_sum_through_cells(
+def shift_and_sum_antialiased(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, positions: Tensor | None = None
 ) -> Tensor:
     """Refocus by shift-and-sum; where all is out of focus, each view stands for its cell of the aperture.
@@ -233,7 +236,7 @@ def shift_and_sum_through_cells(
 
     Example:
         >>> views = torch.rand(7, 7, 3, 48, 64)
-        >>> lfref.shift_and_sum_through_cells(views, [-2, 0, 0.5]).shape
+        >>> lfref.shift_and_sum_antialiased(views, [-2, 0, 0.5]).shape
         torch.Size([3, 3, 48, 64])
     """
     batch = batches.flattened(views)

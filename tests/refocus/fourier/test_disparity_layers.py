@@ -71,7 +71,7 @@ def planes(*disparities, grid=(5, 5)):
 @pytest.mark.parametrize("weights", [None, apertures.disc((5, 5)), torch.arange(25.0).reshape(5, 5)])
 def test_cells_without_area_are_exact_refocusing(weights):
     views = torch.rand(5, 5, 2, 20, 23, dtype=torch.float64)
-    made = refocus_by_layers(views, SLOPES, fill=0.0, weights=weights, border="wrap")
+    made = refocus_by_layers(views, SLOPES, fill_factor=0.0, weights=weights, border="wrap")
     torch.testing.assert_close(made, exact_fourier(views, SLOPES, weights), atol=1e-12, rtol=0)
 
 
@@ -81,8 +81,8 @@ def test_blur_has_no_copies():
     truth = exact_fourier(shifted_views(image, disparity / 9, (27, 27)), [slope / 9])
     views = shifted_views(image, disparity, (3, 3))
     points, areas = (
-        (refocus_by_layers(views, [slope], [disparity], fill=fill, border="wrap") - truth).square().mean()
-        for fill in (0.0, 1.0)
+        (refocus_by_layers(views, [slope], [disparity], fill_factor=fill_factor, border="wrap") - truth).square().mean()
+        for fill_factor in (0.0, 1.0)
     )
     assert areas < points / 50
 
@@ -90,7 +90,7 @@ def test_blur_has_no_copies():
 def test_estimated_disparities_do_nearly_as_well_as_the_true_ones():
     views = planes(-1.0, 0.5)
     truth = refocus_by_layers(views, SLOPES, [-1.0, 0.5], ridge=1e-6)
-    estimated, points = (refocus_by_layers(views, SLOPES, fill=fill) for fill in (1.0, 0.0))
+    estimated, points = (refocus_by_layers(views, SLOPES, fill_factor=fill_factor) for fill_factor in (1.0, 0.0))
     assert (estimated - truth).square().mean() < (points - truth).square().mean() / 30
 
 

@@ -50,16 +50,16 @@ def lens(image: torch.Tensor, width: float) -> torch.Tensor:
     return torch.fft.ifft2(torch.fft.fft2(image) * response).real
 
 
-@pytest.mark.parametrize("fill", [0.5, 1.0])
+@pytest.mark.parametrize("fill_factor", [0.5, 1.0])
 @pytest.mark.parametrize("disparity", [0.0, -0.4])
-def test_cells_of_all_the_aperture_are_the_integral_over_it(plane, fill, disparity):
+def test_cells_of_all_the_aperture_are_the_integral_over_it(plane, fill_factor, disparity):
     views, image = plane(disparity)
     points = exact_fourier(views, SLOPES)
-    filled = exact_fourier(views, SLOPES, fill=fill, disparity=disparity)
+    filled = exact_fourier(views, SLOPES, fill_factor=fill_factor, disparity=disparity)
     for sum_of_points, stack, slope in zip(points, filled, SLOPES, strict=True):
         width = slope - disparity
-        torch.testing.assert_close(stack, lens(sum_of_points, fill * width), atol=1e-12, rtol=0)
-        if fill == 1:
+        torch.testing.assert_close(stack, lens(sum_of_points, fill_factor * width), atol=1e-12, rtol=0)
+        if fill_factor == 1:
             torch.testing.assert_close(stack, lens(image, 7 * width), atol=1e-12, rtol=0)
 
 

@@ -14,7 +14,7 @@ from lfref.refocus.shift.shift_and_sum import (
     coverage,
     disparity_range,
     shift_and_sum,
-    shift_and_sum_through_cells,
+    shift_and_sum_antialiased,
 )
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
@@ -49,8 +49,8 @@ def test_exact_interpolation_does_not_ring_at_the_border(border):
 def test_cells_of_all_the_aperture_are_the_integral_over_it(plane, interpolation, error):
     views, _ = plane(0.0)
     slopes = [-1.3, 0.25, 0.9]
-    filled = shift_and_sum(views, slopes, interpolation, "wrap", fill=1.0)
-    assert (filled - exact_fourier(views, slopes, fill=1.0)).square().mean().sqrt() < error
+    filled = shift_and_sum(views, slopes, interpolation, "wrap", fill_factor=1.0)
+    assert (filled - exact_fourier(views, slopes, fill_factor=1.0)).square().mean().sqrt() < error
 
 
 def test_derivatives_by_the_disparity_are_right():
@@ -58,7 +58,8 @@ def test_derivatives_by_the_disparity_are_right():
     behind = (0.3 * torch.rand(4, 5, dtype=torch.float64)).requires_grad_()
     for border in ("renormalize", "edge"):
         assert torch.autograd.gradcheck(
-            lambda d, border=border: shift_and_sum(views, [0.7, -1.0], border=border, fill=1.0, disparity=d), behind
+            lambda d, border=border: shift_and_sum(views, [0.7, -1.0], border=border, fill_factor=1.0, disparity=d),
+            behind,
         )
 
 
@@ -78,10 +79,10 @@ def test_coverage_counts_the_weighted_views_with_a_sample():
         {"slopes": [5.0]},
         {"interpolation": "magic"},
         {"border": "mirror"},
-        {"fill": -1.0},
-        {"fill": 1.0, "disparity": torch.zeros(3, 3)},
-        {"fill": 1.0, "disparity": float("nan")},
-        {"fill": 30.0},
+        {"fill_factor": -1.0},
+        {"fill_factor": 1.0, "disparity": torch.zeros(3, 3)},
+        {"fill_factor": 1.0, "disparity": float("nan")},
+        {"fill_factor": 30.0},
     ],
 )
 def test_bad_arguments_are_refused(change):
@@ -100,7 +101,7 @@ def test_planes_among_disparities_of_wide_baselines_stay_points(name):
     scene = sim30.WIDE[name]
     views = simulate(scene, outputs=["views"], slopes=[0.0]).views
     planes = [surface.geometry.form.disparity for surface in scene.surfaces]
-    assert torch.equal(shift_and_sum_through_cells(views, planes), shift_and_sum(views, planes, "cubic"))
+    assert torch.equal(shift_and_sum_antialiased(views, planes), shift_and_sum(views, planes, "cubic"))
 
 
 @pytest.mark.parametrize("name", ["edge", "discs", "twigs"])
@@ -112,7 +113,7 @@ def test_wide_blur_has_no_copies(name):
     def error(stack: torch.Tensor) -> torch.Tensor:
         return (stack - made.truth)[inner].square().mean((1, 2, 3))
 
-    points, cells = shift_and_sum(made.views, made.slopes), shift_and_sum_through_cells(made.views, made.slopes)
+    points, cells = shift_and_sum(made.views, made.slopes), shift_and_sum_antialiased(made.views, made.slopes)
     assert bool((error(cells) < error(points) / 8).all())  # 9 dB
 
 

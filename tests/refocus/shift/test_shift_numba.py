@@ -34,7 +34,7 @@ def test_equals_eager(border, interpolation, dtype):
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.uint8])
-def test_equals_eager_through_cells(border, dtype):
+def test_equals_eager_antialiased(border, dtype):
     views = in_type(torch.rand(2, 3, 4, 2, 23, 30, dtype=torch.float64), dtype)
     weights = torch.tensor([[0.0, 1, 0.5, 1]]).expand(3, 4)
     widths = [2.3, 0.0, 0.4, 0.3, 0.5, 17.0]

@@ -21,7 +21,7 @@ from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.fourier.disparity_layers import CONFUSABLE, Energies, bounded_by_views
 from lfref.refocus.operator import has_traits
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
 from lfref.refocus.wiener import refocus_jointly
 from lfref.refocus.wiener_filters import prior_of_map
 
@@ -42,7 +42,7 @@ AROUND = 17
 
 
 @has_traits("predicts", symmetric=True)
-def occlusion_aware(
+def blockwise_wiener(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, disparities: Tensor | None = None
 ) -> Tensor:
     """Refocus light fields as a lens with the whole aperture would, with care for what is near focus.
@@ -63,18 +63,18 @@ def occlusion_aware(
 
     Example:
         >>> views = torch.rand(5, 5, 3, 48, 64)
-        >>> lfref.occlusion_aware(views, [-0.5, 0.5]).shape
+        >>> lfref.blockwise_wiener(views, [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
-    parts = occlusion_aware_parts(views, slopes, weights, disparities)
+    parts = blockwise_wiener_parts(views, slopes, weights, disparities)
     return parts[..., : views.shape[-3], :, :].contiguous()
 
 
 @has_traits("predicts", symmetric=True)
-def occlusion_aware_parts(
+def blockwise_wiener_parts(
     views: Tensor, slopes: Slopes, weights: Tensor | None = None, disparities: Tensor | None = None
 ) -> Tensor:
-    """The stack of `occlusion_aware`, and the pictures by filters for all disparities, side by side as channels."""
+    """The stack of `blockwise_wiener`, and the pictures by filters for all disparities, side by side as channels."""
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.symmetric_weights(weights, grid)
@@ -123,7 +123,7 @@ def _median_at_whole_slopes(
     whole = (fractional < 1).nonzero()[:, 0]
     if not len(whole):
         return stack
-    cells, at = shift_and_sum_through_cells(field, planes[whole], aperture), whole.to(stack.device)
+    cells, at = shift_and_sum_antialiased(field, planes[whole], aperture), whole.to(stack.device)
     middle = torch.stack([cells, stack[at], everywhere[at]]).median(0).values
     share = (1 - fractional[whole]).to(stack)[:, None, None, None]
     return stack.index_add(0, at, share * (middle - stack[at]))

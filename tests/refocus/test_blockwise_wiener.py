@@ -6,28 +6,28 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus import occlusion_aware as module
+from lfref.refocus import blockwise_wiener as module
+from lfref.refocus.blockwise_wiener import blockwise_wiener, blockwise_wiener_parts
 from lfref.refocus.disparity.disparity_map import disparity_map
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.occlusion_aware import occlusion_aware, occlusion_aware_parts
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_through_cells
+from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
 from tests.refocus.lens_scenes import SLOPES, psnr, scene
 
 
 @pytest.mark.parametrize("name", ["edge", "discs"])
 def test_is_nearer_the_truth_than_exact_refocusing(name):
     views, truth = scene(name)
-    ours, exact = (psnr(operator(views, SLOPES), truth) for operator in (occlusion_aware, exact_fourier))
+    ours, exact = (psnr(operator(views, SLOPES), truth) for operator in (blockwise_wiener, exact_fourier))
     assert bool((ours >= exact - 0.1).all())
     assert float((ours - exact).mean()) > 4
 
 
 def test_near_focus_in_a_wide_range_filters_of_all_views_together_help():
     views, truth = scene("deep")
-    ours, cells = (psnr(operator(views, SLOPES), truth) for operator in (occlusion_aware, shift_and_sum_through_cells))
+    ours, cells = (psnr(operator(views, SLOPES), truth) for operator in (blockwise_wiener, shift_and_sum_antialiased))
     with mock.patch.object(module, "_is_wide", return_value=False):
-        blind = psnr(occlusion_aware(views, SLOPES), truth)
+        blind = psnr(blockwise_wiener(views, SLOPES), truth)
     for other in (cells, blind):
         assert float((ours - other)[SLOPES.index(0.4)]) > 2
 
@@ -35,24 +35,24 @@ def test_near_focus_in_a_wide_range_filters_of_all_views_together_help():
 @pytest.mark.parametrize(("name", "gain"), [("discs", 2), ("leaves", 1.3)])
 def test_blocks_help_near_focus(name, gain):
     views, truth = scene(name)
-    ours, everywhere = (psnr(operator(views, SLOPES), truth) for operator in (occlusion_aware, separable_wiener))
+    ours, everywhere = (psnr(operator(views, SLOPES), truth) for operator in (blockwise_wiener, separable_wiener))
     assert bool((ours >= everywhere - 2).all())  # beyond 65 dB
     assert float((ours - everywhere)[SLOPES.index(0.4)]) > gain
 
 
 def test_parts_are_the_stack_and_what_it_is_made_of():
     views = scene("discs")[0]
-    stack, everywhere = occlusion_aware_parts(views, SLOPES).split(3, 1)
-    assert torch.equal(stack, occlusion_aware(views, SLOPES))
+    stack, everywhere = blockwise_wiener_parts(views, SLOPES).split(3, 1)
+    assert torch.equal(stack, blockwise_wiener(views, SLOPES))
     torch.testing.assert_close(everywhere, separable_wiener(views, SLOPES))
     torch.testing.assert_close(
-        occlusion_aware_parts(torch.stack([views, views.flip(-1)]), SLOPES[:2])[0, :, :3], stack[:2]
+        blockwise_wiener_parts(torch.stack([views, views.flip(-1)]), SLOPES[:2])[0, :, :3], stack[:2]
     )
 
 
 def test_gradients_reach_all_views():
     views = scene("edge")[0][1:6, 1:6, :1, 10:50, 30:70].double().requires_grad_()
-    occlusion_aware(views, [0.3]).square().mean().backward()
+    blockwise_wiener(views, [0.3]).square().mean().backward()
     assert bool(views.grad.isfinite().all())
     assert bool(views.grad.abs().amax((2, 3, 4)).gt(0).all())
 
@@ -60,14 +60,14 @@ def test_gradients_reach_all_views():
 def test_known_disparities_take_the_place_of_estimated_ones():
     views, _ = scene("discs")
     known = disparity_map(views).disparity
-    stack = occlusion_aware(views, SLOPES, disparities=known)
-    torch.testing.assert_close(stack, occlusion_aware(views, SLOPES), atol=2e-2, rtol=0)
+    stack = blockwise_wiener(views, SLOPES, disparities=known)
+    torch.testing.assert_close(stack, blockwise_wiener(views, SLOPES), atol=2e-2, rtol=0)
     # Where everything is far from focus, no block counts.
-    far, everywhere = occlusion_aware_parts(views, [-3.4], disparities=torch.zeros_like(known)).split(3, 1)
+    far, everywhere = blockwise_wiener_parts(views, [-3.4], disparities=torch.zeros_like(known)).split(3, 1)
     assert torch.equal(far, everywhere)
 
 
-@pytest.mark.parametrize("operator", [occlusion_aware, separable_wiener])
+@pytest.mark.parametrize("operator", [blockwise_wiener, separable_wiener])
 @pytest.mark.parametrize("change", [{"slopes": [20.0]}, {"weights": torch.arange(9.0).reshape(3, 3)}, {"views": None}])
 def test_bad_arguments_are_refused(operator, change):
     views = torch.rand(3, 3, 1, 32, 32)
