@@ -313,7 +313,7 @@ def flat_field_gain(white: Tensor) -> tuple[Tensor, float]:
     rough = _middle_level(centre, 1 / 32)
     if not bool((rough > 1e-3).all()) or not bool(white.isfinite().all()):
         got = "one that is black or not finite in the middle"
-        raise InputError("white must be a picture of a white, evenly lit scene", got=got)
+        raise InputError("flat_field must show an evenly lit scene", got=got)
     noise = noise_of(centre / rough[:, None, None])
     # Take enough samples for little noise in their mean: from 1/32 to 1/8 of the sides about the centre.
     share = noise / NOISE / (2 * min(centre.shape[-2:]))

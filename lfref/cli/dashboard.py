@@ -58,7 +58,7 @@ def workspace(planes: FocalPlanes, sweep: str | None, **place: str) -> ws.Worksp
         "Worst and best patches": [_pictures([PICTURE], "label, prediction, error")],
     }
     return ws.Workspace(
-        **place,  # type: ignore[arg-type]
+        **place,
         sections=[ws.Section(name=name, panels=panels, is_open=True) for name, panels in sections.items()],
         settings=ws.WorkspaceSettings(x_axis=STEP, max_runs=100),
         runset_settings=ws.RunsetSettings(filters=_filters("train", sweep), groupby=[ws.Metric("Group")]),
