@@ -116,7 +116,7 @@ def rewritten(command: str, words: list[str]) -> list[str]:
     """Words for Hydra: paths as `input=`, short words as what they stand for.
 
     Raises:
-        InputError: The command takes no paths, or the sweep is unknown.
+        InputError: The command takes no paths, the sweep is unknown, or both a method and a network are named.
     """
     is_multirun = bool({"-m", "--multirun"} & set(words))
     end = words.index("--") if "--" in words else len(words)
@@ -139,6 +139,8 @@ def rewritten(command: str, words: list[str]) -> list[str]:
     paths += words[end + 1 :]
     if paths and command not in INPUTS:
         raise InputError("arguments of this command must be written KEY=VALUE", got=repr(paths[0]))
+    if {"method", "checkpoint"} <= {key_of(word) for word in others}:
+        raise InputError("a method or a network refocuses", got="method= and run=", remedy="leave one of them out")
     values = [_quoted(path) for path in paths]
     own = values[0] if len(values) == 1 else f"[{','.join(values)}]"
     return [*options, *resumed([*others, f"{INPUTS[command]}={own}"] if paths else others)]

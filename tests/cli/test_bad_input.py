@@ -51,6 +51,7 @@ def assert_one_line(status: int, error: str) -> str:
         (("refocus", "input={field}", "checkpoint={here}/other.ckpt"), "head.weight"),
         (("refocus", "input={small}", "checkpoint={here}/net.ckpt"), "views"),
         (("refocus",), "input"),
+        (("refocus", "input={field}", "method=refnet", "run={here}/net.ckpt"), "method="),
         (("refocus", "input={field}", "device=quantum"), "device"),
         (("refocus", "input={field}", "format=bmp"), "format"),
         (("refocus", "input={field}", "reader.angular_size=99"), "reader.angular_size"),
