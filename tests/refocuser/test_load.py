@@ -11,8 +11,8 @@ from lfref.refocuser.networks import SHIPPED, NetworkRefocuser
 from tests.export import cases
 
 SHA256 = {
-    "refiner": "6eed3b5543d047bf13658576108e5f1aa1af55438cb00401ec7d0ee4adc9073d",
-    "refnet": "747130e3007b5238f9cf473f1a07ac217a78e81eb4f1fa854791f966d18381f6",
+    "refiner": "cd756a0a53d1b79b8f9aab142abda1166d6bf8cef5347a3b08c59f2713f3b663",
+    "refnet": "552f4951df1b2c2a218a1923076ffb50472fc28b6f49aaaa3ec4ca82366daf3b",
 }
 """Of the files that ship."""
 
