@@ -93,9 +93,10 @@ weights: install
 	if [ -e "$(WEIGHTS)/run/checkpoints" ]; then $(BIN)/lfref train resume="$(WEIGHTS)/run"; \
 	else $(BIN)/lfref train experiment=refiner output="$(WEIGHTS)/run"; fi
 	$(BIN)/python docs/weights.py learned "$(WEIGHTS)/run"
-	for label in shift_and_sum fourier_slice rendered; do \
+	for label in shift_and_sum fourier_slice; do \
 		$(BIN)/lfref train experiment=refnet label=$$label resume=auto output="$(WEIGHTS)/$$label" || exit 1; done
 	$(BIN)/python docs/weights.py refnet "$(WEIGHTS)/shift_and_sum"
+	$(BIN)/lfref train experiment=refnet_truth resume=auto output="$(WEIGHTS)/rendered"
 
 lint: install
 	$(BIN)/ruff check lfref tests docs/*.py

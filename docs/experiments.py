@@ -54,6 +54,12 @@ NETWORKS = {
     "rendered": "RefNet on the truth",
 }
 """Label source, a file of `conf/label` -> the method of its networks."""
+RECIPES = {
+    "shift_and_sum": ["experiment=refnet", "label=shift_and_sum"],
+    "fourier_slice": ["experiment=refnet", "label=fourier_slice"],
+    "rendered": ["experiment=refnet_truth"],
+}
+"""Label source -> overrides of `lfref train`."""
 SEED = ", seed "
 """Text in the name of a network between its method and its seed."""
 LAPLACIAN = torch.tensor([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])[None, None]

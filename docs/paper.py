@@ -142,7 +142,7 @@ def main() -> None:
     paths |= {label: [Path(path)] for label, _, path in (each.partition("=") for each in options.network)}
     for label, seed, folder in ((label, seed, path) for label, own in paths.items() for seed, path in enumerate(own)):
         if folder.parent == options.weights:
-            training.train(folder, ["experiment=refnet", f"label={label}", f"seed={seed}", *options.overrides])
+            training.train(folder, [*experiments.RECIPES[label], f"seed={seed}", *options.overrides])
     networks = experiments.networks(paths)
     methods = [*(CLASSICAL[name] for name in METHODS), *networks]
     rows = experiments.plane_rows(experiments.cases(options.scenes, PLANES), methods, LABELS)
