@@ -84,9 +84,9 @@ gpu: install
 weights: install
 	$(BIN)/lfref train experiment=refiner resume=auto output="$(WEIGHTS)/run"
 	$(BIN)/python benchmarks/weights.py refiner "$(WEIGHTS)/run"
-	for label in shift_and_sum fourier_slice; do \
-		$(BIN)/lfref train experiment=refnet label=$$label resume=auto output="$(WEIGHTS)/$$label" || exit 1; done
+	$(BIN)/lfref train experiment=refnet label=shift_and_sum resume=auto output="$(WEIGHTS)/shift_and_sum"
 	$(BIN)/python benchmarks/weights.py refnet "$(WEIGHTS)/shift_and_sum"
+	$(BIN)/lfref train experiment=refnet_truth label=fourier_slice resume=auto output="$(WEIGHTS)/fourier_slice"
 	$(BIN)/lfref train experiment=refnet_truth resume=auto output="$(WEIGHTS)/rendered"
 
 lint: install

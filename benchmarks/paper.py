@@ -75,7 +75,7 @@ NETWORKS = {
 """Label source, a file of `conf/label` -> the method of its network."""
 RECIPES = {
     "shift_and_sum": ["experiment=refnet", "label=shift_and_sum"],
-    "fourier_slice": ["experiment=refnet", "label=fourier_slice"],
+    "fourier_slice": ["experiment=refnet_truth", "label=fourier_slice"],
     "rendered": ["experiment=refnet_truth"],
 }
 """Label source -> overrides of `lfref train`."""
