@@ -137,12 +137,6 @@ def damaged(path: Path, reason: str) -> FileError:
     return FileError(f"{path} cannot be decoded", got=first_line(reason), remedy="it may be damaged: copy it again")
 
 
-def image_size(path: Path) -> tuple[int, int]:
-    """Height and width of an image file, from its header."""
-    with open_image(path) as source:
-        return source.spec().height, source.spec().width
-
-
 def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
     """The encoding of a file's samples: the option `encoding`, else the file's header, else the default."""
     if option != "file":

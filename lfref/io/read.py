@@ -36,19 +36,9 @@ class Format(NamedTuple):
     decode: Callable[[Path, ReadOptions], Samples]
     holds_views: Callable[[Path], bool] = Path.is_file
     """Whether a file or folder with such a suffix is a light field."""
-    options: tuple[str, ...] = ()
-    """Options of `read` that concern this format, but not all formats."""
 
 
-FOLDER = Format(
-    "folder",
-    "a folder of views",
-    (),
-    ("",),
-    view_folders.decode_folder,
-    view_folders.is_field,
-    ("pattern", "grid", "holes"),
-)
+FOLDER = Format("folder", "a folder of views", (), ("",), view_folders.decode_folder, view_folders.is_field)
 _LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp", "jpeg")]
 # A film, or a JPEG, in a folder may be anything: they are read only if they are named.
 FILM = Format(
@@ -57,7 +47,6 @@ FILM = Format(
     video.MAGICS,
     (),
     video.decode_film,
-    options=("pattern", "grid"),
 )
 FORMATS = (
     Format(
@@ -66,9 +55,8 @@ FORMATS = (
         tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
         tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
         lenslets.decode_lenslets,
-        options=("lenslet", "pitch", "offset", "rotation", "lattice", "calibration"),
     ),
-    Format("exr", "an EXR file", *images.FORMATS["exr"], exr.decode_views, exr.holds_views, ("holes",)),
+    Format("exr", "an EXR file", *images.FORMATS["exr"], exr.decode_views, exr.holds_views),
     Format(
         "array",
         "an array (NPY, NPZ, MAT, HDF5)",
@@ -76,7 +64,6 @@ FORMATS = (
         (".npy", ".npz", ".mat", ".h5", ".hdf5"),
         arrays.decode_array,
         arrays.holds_views,
-        ("grid", "axes", "variable"),
     ),
     Format(
         "lytro",
@@ -85,7 +72,6 @@ FORMATS = (
         (".lfp", ".lfr", lytro_files.BARE),
         lytro.decode_raw,
         lytro_files.is_raw,
-        ("pitch", "offset", "rotation", "lattice", "calibration"),
     ),
     FILM,
 )
@@ -154,6 +140,8 @@ def read(
 ) -> LightField:
     """Read a light field: a lenslet image, a raw file of a Lytro camera, a folder, an EXR file, an array, or a film.
 
+    Options for other formats than that of the file have no effect.
+
     Args:
         path: File or folder.
         angular_size: Rows and columns of views to keep, or one number for both; None keeps all, but 7x7 of a
@@ -181,7 +169,7 @@ def read(
         axes: Axes of an array, such as `vuhwc`: view row and column, pixel row and column, channel, or `n` for views
             row by row; None: by the shape of the array, if only one order fits.
         variable: Name of the array in a file of several; None: the only one that may be a light field, or `LF`.
-        positions: Positions of the cameras: a CSV or JSON file as `cameras` describes it, or `names` for the names of a
+        positions: Positions of the cameras: a CSV file as `cameras` describes it, or `names`, those in the names of a
             Stanford gantry's files; None: an even grid.
         spacing: View steps from row to row and from column to column, both above 0, if they differ.
         encoding: Encoding of the samples: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB for
@@ -202,16 +190,13 @@ def read(
     given = {name: value for name, value in locals().items() if name != "path"}
     options, path = ReadOptions.parse(**given), Path(path)
     form = format_of(path)
-    # Options for other formats are refused: users would think that they had an effect.
-    others = {name for known in (*FORMATS, FOLDER) for name in known.options} - set(form.options)
-    if changed := [name for name in sorted(others) if getattr(options, name) != getattr(ReadOptions, name)]:
-        raise InputError(f"{', '.join(changed)} must be left out", got=f"{form.title}, {path}, which has none")
     samples = form.decode(path, options)
     height, width = samples.colours.shape[-2:]
     rows, columns = options.size or (height, width)
     if not (1 <= rows <= height and 1 <= columns <= width):
         raise InputError(f"size must lie within the {height}x{width} views of {path}", got=f"{rows}x{columns}")
-    colours, weight, tone = samples.changed(lambda views: views[..., :rows, :columns])
+    colours, weight, tone = samples
+    colours, weight = colours[..., :rows, :columns], None if weight is None else weight[..., :rows, :columns]
     present = np.asarray(np.ones(colours.shape[:2], bool) if weight is None else weight.any(axis=(2, 3, 4)))
     entries = metadata.read_metadata(path) | {"path": str(path), "format": form.name}
     entries |= {"bits": BITS[colours.dtype.name], "encoding": str(tone)}

@@ -188,12 +188,11 @@ def write_raw(
     camera: Camera,
     samples: NDArray[np.uint16] | bytes,
     record: dict,
-    serial: str = "",
     white: bytes = b"",
     others: Sequence[bytes] = (),
 ) -> Path:
     """A raw file of a camera, from samples or packed samples: the table of contents comes first, but in an Illum's."""
-    private = {"devices": {"sensor": {"sensorSerial": "0x7096"}}, "camera": {"serialNumber": serial}}
+    private = {"devices": {"sensor": {"sensorSerial": "0x7096"}}}
     data = samples if isinstance(samples, bytes) else packed(samples, camera.bits)
     sections = [json.dumps(record).encode(), json.dumps(private).encode(), data]
     frame = dict(zip(("metadataRef", "privateMetadataRef", "imageRef"), map(sha1, sections), strict=True))
@@ -210,15 +209,11 @@ def stack_picture(k: int) -> NDArray[np.uint8]:
     return np.stack([40 + 60 * k + y // 2, 60 + x, 200 - 40 * k - x // 2], axis=-1).astype(np.uint8)
 
 
-def write_focal_stack(
-    path: Path, lambdas: tuple[float, ...], depth: NDArray[np.float32], video: bool = False, change=None
-) -> Path:
+def write_focal_stack(path: Path, lambdas: tuple[float, ...], depth: NDArray[np.float32], video: bool = False) -> Path:
     """A file for sharing, as version 1 of Lytro Desktop wrote it (JPEG), or version 2 (`video`, H.264)."""
     sections = [depth.astype("<f4").tobytes()]
     entries = [{"width": 64, "height": 48, "lambda": one, "representation": "jpeg"} for one in lambdas]
     stack = {
-        "defaultLambda": 0,
-        "displayParameters": {"displayDimensions": {"mode": "fixedToValue", "value": {"width": 64, "height": 48}}},
         "depthLut": {
             "width": depth.shape[1], "height": depth.shape[0], "representation": "raw", "imageRef": sha1(sections[0]),
         },
@@ -235,8 +230,6 @@ def write_focal_stack(
             entry["imageRef"] = sha1(sections[-1])
             file.unlink()
         stack["imageArray"] = entries
-    if change is not None:
-        change(stack)
     # The raw image that the file was made from is named, and is not in it.
     frame = {"frame": {"metadataRef": "sha1-ce3f", "privateMetadataRef": "sha1-992a", "imageRef": "sha1-06ae"}}
     acceleration = {"type": "com.lytro.acceleration.refocusStack", "generator": "Lytro", "vendorContent": stack}
