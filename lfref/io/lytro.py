@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from torch.nn import functional as F
 
 from lfref import encoding as encodings
-from lfref.errors import FileError, InputError, first_line
+from lfref.errors import FileError, first_line
 from lfref.io import images, lenslet_lattice, lenslet_search, lenslets, lytro_files
 from lfref.io.lenslet_lattice import Lattice
 from lfref.io.lytro_files import RawImage, Record, unusable
@@ -31,8 +31,6 @@ from lfref.io.samples import ROW_DISTANCES, ReadOptions, Samples
 
 log = logging.getLogger(__name__)
 
-ENCODINGS = ("file", "linear", "none")
-"""Values of the option `encoding` that fit: raw images are linear."""
 WHITE_REMEDY = "set reader.calibration to the calibration of the camera"
 TAGS = "com.lytro.tags"
 TILINGS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "square"}
@@ -51,8 +49,6 @@ COLOURS = {"r": 0, "gr": 1, "gb": 1, "b": 2}
 
 def decode_raw(path: Path, options: ReadOptions) -> Samples:
     """The chosen views, linear sRGB, with a weight if there is a white image."""
-    if options.encoding not in ENCODINGS:
-        raise InputError(f"encoding of the raw image {path} must be one of {ENCODINGS}", got=options.encoding)
     image = lytro_files.read_raw(path)
     pattern = mosaic(image.record)
     white = _white_light(image, options.calibration, pattern)
@@ -208,7 +204,7 @@ def balance(record: Record) -> dict[str, float]:
 def colour_matrix(record: Record) -> NDArray[np.float32]:
     """Matrix from balanced colours of the camera to linear sRGB, [3, 3]; its rows sum to 1, so that white stays."""
     names = [name for name in ("ccm", "ccmRgbToSrgbArray") if record.get("image", "color", name) is not None]
-    values = record.numbers("image", "color", *(names[:1] or ["ccm"]), count=9)
+    values = [record.number("image", "color", *(names[:1] or ["ccm"]), k) for k in range(9)]
     return np.array(values, np.float32).reshape(3, 3)
 
 

@@ -76,19 +76,14 @@ class Record(NamedTuple):
         entries = self.get(*keys)
         return [Record(self.path, one) for one in entries if isinstance(one, dict)] if isinstance(entries, list) else []
 
-    def number(self, *keys: str, default: float | None = None) -> float:
+    def number(self, *keys: str | int, default: float | None = None) -> float:
         """The finite number under nested keys; the default, if there is one, where there is no entry."""
-        if default is not None and self.get(*keys) is None:
-            return default
-        return self.numbers(*keys, count=1)[0]
-
-    def numbers(self, *keys: str, count: int) -> list[float]:
-        """The list of finite numbers under nested keys; one number may stand alone."""
         entry = self.get(*keys)
-        values = entry if isinstance(entry, list) else [entry]
-        if len(values) != count or not all(type(one) in (int, float) and abs(one) < LARGEST for one in values):
-            raise unusable(self.path, f"{count} numbers as {'.'.join(keys)} in its JSON", entry)
-        return [float(one) for one in values]
+        if entry is None and default is not None:
+            return default
+        if type(entry) not in (int, float) or not abs(entry) < LARGEST:
+            raise unusable(self.path, f"a number as {'.'.join(map(str, keys))} in its JSON", entry)
+        return float(entry)
 
 
 def records(contents: Any, *keys: str, depth: int = MAX_DEPTH) -> Iterator[Mapping[str, Any]]:

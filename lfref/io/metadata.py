@@ -35,8 +35,6 @@ LYTRO: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "focal length": lambda frame: f"{1000 * float(frame['devices']['lens']['focalLength']):.4g} mm",
     "ISO": lambda frame: f"{float(frame['devices']['sensor'].get('iso') or frame['image']['iso']):g}",
     "date": lambda frame: str(frame["devices"]["clock"]["zuluTime"]),
-    "lens pitch": lambda frame: f"{1e6 * float(frame['devices']['mla']['lensPitch']):.4g} um",
-    "pixel pitch": lambda frame: f"{1e6 * float(frame['devices']['sensor']['pixelPitch']):.4g} um",
 }
 """Key of the metadata -> its text from the record of a Lytro frame."""
 

@@ -25,10 +25,9 @@ BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
 
 
 class Format(NamedTuple):
-    """A format of light fields, with its name in metadata and its title in messages."""
+    """A format of light fields, with its name in metadata."""
 
     name: str
-    title: str
     magics: tuple[bytes, ...]
     """Possible first bytes of a file, `?` for any byte; none for a folder."""
     suffixes: tuple[str, ...]
@@ -38,45 +37,24 @@ class Format(NamedTuple):
     """Whether a file or folder with such a suffix is a light field."""
 
 
-FOLDER = Format("folder", "a folder of views", (), ("",), view_folders.decode_folder, view_folders.is_field)
 _LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp", "jpeg")]
+LENSLETS = Format(
+    "eslf",
+    tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
+    tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
+    lenslets.decode_lenslets,
+)
+EXR = Format("exr", *images.FORMATS["exr"], exr.decode_views, exr.holds_views)
+ARRAY_SUFFIXES = ".npy", ".npz", ".mat", ".h5", ".hdf5"
+ARRAY = Format("array", tuple(arrays.OPENERS), ARRAY_SUFFIXES, arrays.decode_array, arrays.holds_views)
+LYTRO_SUFFIXES = ".lfp", ".lfr", lytro_files.BARE
+LYTRO = Format("lytro", (lytro_files.MAGIC,), LYTRO_SUFFIXES, lytro.decode_raw, lytro_files.is_raw)
 # A film, or a JPEG, in a folder may be anything: they are read only if they are named.
-FILM = Format(
-    "film",
-    "a film (MP4, MOV, WebM, AVI, GIF, animated PNG or WebP)",
-    video.MAGICS,
-    (),
-    video.decode_film,
-)
-FORMATS = (
-    Format(
-        "eslf",
-        "a lenslet image (ESLF or raw: PNG, TIFF, JPEG ...)",
-        tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
-        tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
-        lenslets.decode_lenslets,
-    ),
-    Format("exr", "an EXR file", *images.FORMATS["exr"], exr.decode_views, exr.holds_views),
-    Format(
-        "array",
-        "an array (NPY, NPZ, MAT, HDF5)",
-        tuple(arrays.OPENERS),
-        (".npy", ".npz", ".mat", ".h5", ".hdf5"),
-        arrays.decode_array,
-        arrays.holds_views,
-    ),
-    Format(
-        "lytro",
-        "a raw file of a Lytro camera (LFP, LFR, RAW)",
-        (lytro_files.MAGIC,),
-        (".lfp", ".lfr", lytro_files.BARE),
-        lytro.decode_raw,
-        lytro_files.is_raw,
-    ),
-    FILM,
-)
+FILM = Format("film", video.MAGICS, (), video.decode_film)
+FORMATS = LENSLETS, EXR, ARRAY, LYTRO, FILM
 """Formats of files; a file has the first format with whose magic bytes it starts."""
-TITLES = ", ".join(known.title for known in (*FORMATS, FOLDER))
+FOLDER = Format("folder", (), ("",), view_folders.decode_folder, view_folders.is_field)
+KNOWN = "a folder of views, a lenslet image, an EXR file, an array (NPY, NPZ, MAT, HDF5), a Lytro raw file, or a film"
 
 
 def format_of(path: Path) -> Format:
@@ -87,10 +65,10 @@ def format_of(path: Path) -> Format:
     for known in FORMATS:
         if images.starts_with(head, known.magics):
             return FILM if images.is_animation(path) else known
-        if known.name == "lytro" and path.suffix.lower() == lytro_files.BARE:
+        if known is LYTRO and path.suffix.lower() == lytro_files.BARE:
             return known
     remedy = "convert it, or unpack it if it is an archive"
-    raise FileError(f"{path} must be a light field: {TITLES}", got="another kind of file", remedy=remedy)
+    raise FileError(f"{path} must be {KNOWN}", got="another kind of file", remedy=remedy)
 
 
 def is_field(path: Path) -> bool:
@@ -110,7 +88,7 @@ def find(path: str | Path) -> list[Path]:
     fields = [child for child in children if not child.stem.endswith(view_folders.BESIDE) and is_field(child)]
     if not fields:
         got, remedy = "none" if path.exists() else "no such file or folder", "check the path"
-        raise FileError(f"{path} must hold light fields: {TITLES}", got=got, remedy=remedy)
+        raise FileError(f"{path} must hold light fields: {KNOWN}", got=got, remedy=remedy)
     return fields
 
 

@@ -105,8 +105,8 @@ def true_views(used: Lattice, truth: Lattice, camera: Camera, grid: tuple[int, i
     """The scene in the places of the views that a lattice samples, [V, U, 3, H, W], at most as large as `size`."""
     reach = [(lenslet_lattice.n_views(pitch) - 1) / 2 for pitch in used.pitch]
     rows, columns = used.within(camera.size, tuple(reach))
-    # The first pixel of a row is half a lenslet to the right: there all rows have light.
-    along = (columns[0] + 0.5) * np.array(used.columns)
+    # The first pixel of a hexagonal row is half a lenslet to the right: there all rows have light.
+    along = (columns[0] + used.is_hexagonal / 2) * np.array(used.columns)
     at = used.origin + rows[0] * np.array(used.rows) + along
     place = np.array(truth.steps()) @ (at - truth.origin) / truth.pitch[0]
     size = size or (len(rows), int((len(columns) - 1) * used.pitch[1] / used.pitch[0]))

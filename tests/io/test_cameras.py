@@ -23,12 +23,6 @@ def table(path: Path, values: np.ndarray, first: int = 0) -> Path:
     return path
 
 
-def steps(said: np.ndarray) -> tuple[float, float]:
-    """Mean steps along rows and columns, fitted by numpy's own polynomials."""
-    row, column = np.indices(said.shape[:2])
-    return np.polyfit(row.ravel(), said[..., 0].ravel(), 1)[0], np.polyfit(column.ravel(), said[..., 1].ravel(), 1)[0]
-
-
 @pytest.mark.parametrize("first", [0, 100])
 def test_tables_are_read_from_whatever_number_they_begin(tmp_path, first):
     np.testing.assert_allclose(cameras.read_positions(table(tmp_path / "a.csv", UNEVEN, first)), UNEVEN)
@@ -57,7 +51,6 @@ def test_unit_direction_and_origin_change_nothing(scale, signs, shift):
     expected = cameras.normalised(UNEVEN, ALL, "a")
     said = UNEVEN * scale * np.array(signs) + np.array(shift)
     np.testing.assert_allclose(cameras.normalised(said, ALL, "a"), expected, atol=1e-6)
-    assert np.mean(steps(expected)) == pytest.approx(1)
     np.testing.assert_allclose(expected.mean(axis=(0, 1)), 0, atol=1e-12)
 
 

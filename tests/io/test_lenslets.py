@@ -7,7 +7,7 @@ import torch
 from lfref.errors import FileError, LfrefError
 from lfref.io import images, lenslet_search, lenslets, read
 from lfref.io.lenslet_lattice import upright
-from tests.io import photographs
+from tests.io import lytro_drawing, photographs
 from tests.io.lenslet_drawing import lenslet_image, made, scene, white_image
 from tests.io.photographs import sensor
 
@@ -59,25 +59,6 @@ def camera(tmp_path):
     return make
 
 
-def first_place(truth, used):
-    """Where the first pixel of the views stands in the scene, in distances of rows."""
-    rows, columns = used.within(SIZE, (6, 6))
-    at = (
-        np.array(used.origin)
-        + rows[0] * np.array(used.rows)
-        + (columns[0] + used.is_hexagonal / 2) * np.array(used.columns)
-    )
-    steps = np.array(truth.steps())
-    return steps @ (at - truth.origin) / truth.pitch[0]
-
-
-def true_views(shape, place, v0, u0):
-    """The scene where the first lenslet stands at a place (y, x) in distances of rows."""
-    y, x = place[0] + np.arange(shape[3]), place[1] + np.arange(shape[4])
-    v, u = np.arange(shape[0]) - v0, np.arange(shape[1]) - u0
-    return scene(y[:, None], x, v[:, None, None, None], u[:, None, None])
-
-
 @pytest.mark.parametrize("is_hexagonal", [False, True])
 def test_a_white_image_is_all_that_it_takes(camera, tmp_path, is_hexagonal):
     lattice = camera(is_hexagonal=is_hexagonal)
@@ -85,9 +66,10 @@ def test_a_white_image_is_all_that_it_takes(camera, tmp_path, is_hexagonal):
     assert field.grid == (7, 7)
     assert field.weight is None
     white = white_image(lattice, SIZE, width=0.5)
-    expected = true_views(field.views.shape, first_place(lattice, lenslet_search.lattice_of(white, tmp_path)), 3, 3)
-    level = np.percentile(white, 99)
-    error = field.views[:, :, 0].numpy() / level - expected
+    used, sensor_like = lenslet_search.lattice_of(white, tmp_path), lytro_drawing.F01._replace(size=SIZE)
+    grey = lambda *place: scene(*place)[..., None]  # noqa: E731
+    expected = lytro_drawing.true_views(used, lattice, sensor_like, (7, 7), field.size, grey)
+    error = field.views.numpy() / np.percentile(white, 99) - expected
     assert abs(error).max() < (8e-3 if is_hexagonal else 2e-3)
 
 
