@@ -242,7 +242,7 @@ def sample_type(path: Path, bits: int | None) -> str:
     kind = next(iter(kinds.values()), None) if bits is None else kinds.get(bits)
     if kind is None:
         known = ", ".join(f"{each} of {' or '.join(map(str, DEPTHS[each]))} bits" for each in DEPTHS)
-        raise InputError(f"a picture must be {known}", got=f"{path.name}, {bits or 'default'} bits")
+        raise InputError(f"the format of a picture must be {known}", got=f"{path.name}, {bits or 'default'} bits")
     return kind
 
 

@@ -4,7 +4,6 @@ import inspect
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from lfref.errors import FileError, InputError
@@ -89,22 +88,3 @@ def test_other_holes_must_be_allowed(drawing):
     samples.check_holes(cells, samples.extent(cells), PATH, True)
     with pytest.raises(FileError):
         samples.check_holes(cells, samples.extent(cells), PATH, None)
-
-
-@pytest.mark.parametrize(("channels", "kind"), [(1, np.uint8), (3, np.uint16), (3, np.float32), (4, np.uint8)])
-def test_holes_have_weight_zero_and_the_mean_of_the_other_views(channels, kind):
-    full = 1 if kind is np.float32 else np.iinfo(kind).max
-    stored = {
-        cell: np.full((2, 3, channels), (cell[0] + cell[1] + 1) / 4 * full).astype(kind) for cell in [(0, 0), (1, 1)]
-    }
-    cells = {cell: cell for cell in stored}
-    colours, weight = samples.gather(cells, (slice(0, 2), slice(0, 2)), stored.get)
-    n_colours = channels - 1 + channels % 2
-    assert (colours.shape, colours.dtype, weight.dtype) == ((2, 2, n_colours, 2, 3), kind, kind)
-    expected = np.mean([view[..., :n_colours] for view in stored.values()])
-    for hole in ((0, 1), (1, 0)):
-        np.testing.assert_allclose(colours[hole], expected, atol=0.5 if kind is not np.float32 else 1e-6)
-        assert not weight[hole].any()
-    for cell, view in stored.items():
-        np.testing.assert_array_equal(colours[cell], view[..., :n_colours].transpose(2, 0, 1))
-        assert (weight[cell] == (view[..., -1] if channels == 4 else full)).all()

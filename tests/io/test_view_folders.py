@@ -6,7 +6,7 @@ import numpy as np
 import OpenImageIO
 import pytest
 
-from lfref.errors import InputError, LfrefError
+from lfref.errors import LfrefError
 from lfref.io import images, read, view_folders
 
 GRID = list(np.ndindex(3, 3))
@@ -44,12 +44,6 @@ def test_known_names_find_their_place(view_folder, numbered_views, naming):
     assert (field.name, field.metadata) == ("field", expected)
 
 
-@pytest.mark.parametrize("wrong", ["(", "columns", r"(?P<row>\d)"])
-def test_what_is_no_pattern_is_refused(wrong):
-    with pytest.raises(InputError):
-        view_folders.compiled(wrong)
-
-
 NUMBERED = [f"photo{index}.png" for index in range(8)]
 REFUSED = {
     "nothing": ([], {}),
@@ -62,6 +56,8 @@ REFUSED = {
     "numbers beyond the grid": (NUMBERED, {"pattern": "index", "grid": (2, 2)}),
     "billions of rows": (["a_0_0.png", "a_99999999_99999999.png"], {"pattern": r"_(?P<row>\d+)_(?P<column>\d+)"}),
     "billions of numbers": (["input_Cam0.png", "input_Cam99999999999.png"], {}),
+    "a pattern that is none": (NUMBERED, {"pattern": "("}),
+    "a pattern without columns": (NUMBERED, {"pattern": r"(?P<row>\d)"}),
     "groups that are no numbers": (["a_b.png", "c_d.png"], {"pattern": r"(?P<row>\w)_(?P<column>\w)"}),
     "names without positions": (list(names("HCI").values()), {"positions": "names"}),
 }
