@@ -10,7 +10,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from lfref.errors import InputError
 from lfref.io import disparity_files, read
 from lfref.io.disparity_files import Cameras
 from lfref.io.metadata import read_metadata
@@ -88,11 +87,6 @@ def test_another_library_reads_a_written_map_from_its_bottom_row(tmp_path: Path,
     path = tmp_path / f"{values.shape}{values.tobytes()[:8].hex()}.pfm"  # the library keeps what it has read
     disparity_files.write_pfm(path, values)
     np.testing.assert_array_equal(OpenImageIO.ImageBuf(str(path)).get_pixels("float")[::-1], values)
-
-
-def test_maps_that_are_not_finite_are_refused(tmp_path):
-    with pytest.raises(InputError):
-        disparity_files.write_pfm(tmp_path / "a.pfm", np.full((2, 2), np.nan))
 
 
 def photographed(depth: float, focus: float, focal: float = 64.0, baseline: float = 0.25) -> tuple[torch.Tensor, float]:

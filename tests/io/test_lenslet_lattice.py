@@ -83,12 +83,6 @@ def test_a_lenslet_has_its_pixels_as_views_or_an_odd_number(pitch, count):
     assert lenslet_lattice.n_views(pitch) == count
 
 
-def test_pixels_are_square_to_one_in_500():
-    views = np.random.default_rng(0).random((1, 1, 1, 5, 8), np.float32)
-    assert lenslet_lattice.squared(views, upright((14 * 1.0015, 14.0), (0, 0)), np.arange(5)) is views
-    assert lenslet_lattice.squared(views, upright((14 * 1.003, 14.0), (0, 0)), np.arange(5)) is not views
-
-
 @pytest.mark.parametrize("is_hexagonal", [False, True])
 def test_the_nearest_lenslet_is_the_nearest_of_all(is_hexagonal):
     lattice = made(rotation=2.0, is_hexagonal=is_hexagonal)
