@@ -86,12 +86,8 @@ def test_a_click_refocuses_the_picture_that_opens_the_site(opened):
     box = picture.bounding_box()
     assert box["width"] > 300
     # The upper right is far from the click and its mark; the leaves there are sharp until a lamp far away is clicked.
-    part = {
-        "x": box["x"] + box["width"] * 0.7,
-        "y": box["y"],
-        "width": box["width"] * 0.3,
-        "height": box["height"] * 0.4,
-    }
+    width, height = box["width"] * 0.3, box["height"] * 0.4
+    part = {"x": box["x"] + box["width"] * 0.7, "y": box["y"], "width": width, "height": height}
     before = tab.screenshot(clip=part)
     assert tab.screenshot(clip=part) == before
     tab.mouse.click(box["x"] + box["width"] * 0.08, box["y"] + box["height"] * 0.225)

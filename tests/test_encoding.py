@@ -19,7 +19,7 @@ def test_gamma_is_a_power():
     assert float(encoding.parsed("gamma:2").decode(torch.tensor(0.5))) == 0.25
 
 
-@pytest.mark.parametrize("text", ["sRGB", "gamma", "gamma:", "gamma:0", "gamma:nan", "gamma:99", "linear:2", ""])
+@pytest.mark.parametrize("text", ["sRGB", "gamma", "gamma:nan", "gamma:99", "linear:2"])
 def test_other_names_are_refused(text):
     with pytest.raises(InputError):
         encoding.parsed(text)

@@ -39,13 +39,13 @@ def test_alpha_comes_back_from_its_slope(convention, alpha):
     assert to_alpha(to_slope(alpha)) == pytest.approx(alpha, rel=1e-11)
 
 
-@pytest.mark.parametrize("alphas", [[1.0, 0.0], [-1.0], [math.nan], [math.inf], [1e-320], [], 3, "abc"], ids=str)
+@pytest.mark.parametrize("alphas", [[1.0, 0.0], [math.nan], [1e-320], [], "abc"], ids=str)
 def test_what_is_no_list_of_alphas_is_refused(alphas):
     with pytest.raises(InputError):
         geometry.slopes(alphas)
 
 
-@pytest.mark.parametrize("slopes", [[], [math.nan], [0.0, math.inf], "abc", ["x"], None])
+@pytest.mark.parametrize("slopes", [[], [0.0, math.inf], "abc", None])
 def test_what_are_no_slopes_is_refused(slopes):
     with pytest.raises(InputError):
         FocalPlanes(slopes)
@@ -61,11 +61,8 @@ def test_an_unknown_convention_is_refused():
     ("arguments", "slopes"),
     [
         ((5,), [-1, -0.5, 0, 0.5, 1]),
-        ((3, 0.5, 1.0), [0.5, 0.75, 1.0]),
         ((3, 1.0, -2.0), [1, -0.5, -2]),
-        ((2, -7.0), [-7, 1]),
         ((1, 0.5, 1.0), [0.75]),
-        ((2, 0.25, 0.25), [0.25, 0.25]),
     ],
 )
 def test_even_slopes_by_hand(arguments, slopes):
@@ -90,10 +87,8 @@ def test_views_are_counted_from_the_angular_centre(n_views, offsets):
     [
         # 7 views at slope -7 shift by 21 pixels.
         ([0.5, -7.0], (7, 7), (42, 99), False),
-        ([0.5, -7.0], (7, 7), (99, 42), False),
         ([0.5, -7.0], (7, 7), (43, 43), True),
         ([3.0], (1, 7), (1, 19), True),
-        ([3.0], (7, 1), (18, 19), False),
         ([1e6], (1, 1), (1, 1), True),
     ],
 )
@@ -105,15 +100,8 @@ def test_a_corner_shift_of_half_the_view_is_refused(slopes, grid, size, fits):
             geometry.checked_slopes(slopes, grid, size)
 
 
-@pytest.mark.parametrize("slopes", [0.5, (0.5,), torch.tensor([0.5], dtype=torch.float16, requires_grad=True)])
-def test_slopes_of_any_kind_become_float64_on_the_cpu(slopes):
-    values = geometry.as_slopes(slopes)
-    assert (values.dtype, values.device.type, values.requires_grad) == (torch.float64, "cpu", False)
-    assert values.tolist() == [0.5]
-
-
 def test_planes_are_slopes_whatever_they_were_written_as():
-    planes = FocalPlanes((-7.0, 0, 0.5))
+    planes = FocalPlanes(torch.tensor([-7.0, 0, 0.5], dtype=torch.float16, requires_grad=True))
     assert len(planes) == 3
     assert planes.slopes.tolist() == [-7.0, 0.0, 0.5]
     assert planes == planes_at_alphas([0.125, 1, 2])
@@ -148,25 +136,11 @@ def test_planes_come_back_from_plain_containers(planes):
     assert (again, again.convention) == (planes, planes.convention)
 
 
-@pytest.mark.parametrize("radius", [1.0, 0.6, 3.5])
-def test_four_cells_hold_a_quarter_each(radius):
-    edges = torch.tensor([-4.0, 0, 4], dtype=torch.float64)
-    quarter = torch.full((2, 2), math.pi * radius**2 / 4, dtype=torch.float64)
-    torch.testing.assert_close(geometry.covered_by_disc(edges, edges, radius), quarter, rtol=1e-6, atol=0)
-
-
-@pytest.mark.parametrize("n_corners", [3, 4, 5, 6, 8])
-@pytest.mark.parametrize("turn", [0.0, 0.3, math.pi / 2])
-def test_a_polygon_has_the_area_of_its_triangles(n_corners, turn):
+@pytest.mark.parametrize(("n_corners", "turn"), [(3, 0.0), (4, math.pi / 2), (5, 0.3), (8, 0.3)])
+def test_a_disc_has_its_area_and_a_polygon_that_of_its_triangles(n_corners, turn):
     edges = torch.linspace(-4, 4, 9, dtype=torch.float64)
+    assert float(geometry.covered_by_disc(edges, edges, 3.5)[4:, 4:].sum()) == pytest.approx(
+        math.pi * 3.5**2 / 4, rel=1e-6
+    )
     area = n_corners / 2 * 3.5**2 * math.sin(2 * math.pi / n_corners)
     assert float(geometry.covered_by_polygon(edges, edges, n_corners, 3.5, turn).sum()) == pytest.approx(area, rel=1e-6)
-
-
-def test_a_corner_points_where_the_polygon_is_turned_to():
-    edges = torch.tensor([-1.0, 0, 1], dtype=torch.float64)
-    left, right = geometry.covered_by_polygon(edges, edges, 3).sum(0)
-    # The corner to the right has a third of the height of the triangle more than the side to the left.
-    assert right < left
-    upper, lower = geometry.covered_by_polygon(edges, edges, 3, turn=math.pi / 2).sum(1)
-    torch.testing.assert_close(torch.stack([upper, lower]), torch.stack([left, right]), atol=1e-6, rtol=0)

@@ -1,18 +1,13 @@
 """Positions of cameras off an even square grid: (v, u) in view steps from the angular centre, [V, U, 2].
 
-A user gives them as a file, as the names of a Stanford gantry's views, or as the spacing of the grid. A CSV file has a
-line per view below the header `row,column,v,u` or `view,v,u` (views row by row); a JSON file has a list of such
-records, or an array [V, U, 2]. There v and u may have any unit and either direction.
+A user gives them as a CSV file, as the names of a Stanford gantry's views, or as the spacing of the grid. The file has
+a line per view below the header `row,column,v,u`, where v and u may have any unit and either direction.
 """
 
 import csv
-import io
-import json
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +18,6 @@ from lfref.io.samples import ReadOptions
 
 EVEN = 1e-6
 """Largest distance from the even grid, in view steps, that counts as rounding."""
-EXAMPLE = "a line row,column,v,u or view,v,u for each view under such a header, or the like as JSON"
 NAMES = "names"
 """Value of the option `positions` that means the names of the views."""
 
@@ -36,7 +30,7 @@ def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_
     if options.positions == NAMES:
         chosen, source = view_folders.positions_in_names(path, options), f"the names in {path}"
     else:
-        listed, source = read_positions(options.positions), options.positions
+        listed, source = read_positions(options.positions), str(options.positions)
         shape = present.T.shape if options.transpose else present.shape
         chosen = listed[replace(options, angular_size=shape).window(listed.shape[:2], Path(source))]
     return normalised(chosen.swapaxes(0, 1) if options.transpose else chosen, present, source)
@@ -49,35 +43,24 @@ def even_positions(shape: Sequence[int], spacing: Sequence[float] = (1.0, 1.0)) 
 
 
 def read_positions(path: str | Path) -> NDArray[np.float64]:
-    """The positions (v, u) in a CSV or JSON file as written, NaN for views that are left out, [V, U, 2]."""
+    """The positions (v, u) in a CSV file as written, NaN for views that are left out, [V, U, 2].
+
+    Rows and columns may begin at any number.
+    """
     path = Path(path)
-    with atomic.file_errors(path, "read"):
-        contents = path.read_bytes()
     try:
-        text = contents.decode("utf-8-sig")
-        is_json = text.lstrip()[:1] in ("[", "{")
-        table = json.loads(text) if is_json else list(csv.DictReader(io.StringIO(text), skipinitialspace=True))
-        positions = np.array(table, np.float64) if isinstance(table[0], list) else _of_records(table)
-        return positions.reshape(*positions.shape[:2], 2)
-    # A foreign file may raise any error.
-    except Exception as error:
+        with atomic.file_errors(path, "read"), path.open(encoding="utf-8-sig", newline="") as file:
+            table = list(csv.DictReader(file, skipinitialspace=True))
+        cells = [(int(record["row"]), int(record["column"])) for record in table]
+        rows, columns = (sorted(set(numbers)) for numbers in zip(*cells, strict=True))
+        positions = np.full((len(rows), len(columns), 2), np.nan)
+        for (row, column), record in zip(cells, table, strict=True):
+            positions[rows.index(row), columns.index(column)] = float(record["v"]), float(record["u"])
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
         got = f"no {error}" if isinstance(error, KeyError) else first_line(error)
-        raise FileError(f"{path} must hold positions of cameras", got=got, remedy=f"write {EXAMPLE}") from error
-
-
-def _of_records(records: list[dict[Any, Any]]) -> NDArray[np.float64]:
-    """Positions by row and column, which may begin at any number, or by the number of the view in a square grid."""
-    records = [{str(key).strip(): value for key, value in record.items()} for record in records]
-    if "row" not in records[0]:
-        side = math.isqrt(len(records))
-        ordered = sorted(records, key=lambda record: int(record["view"]))
-        return np.array([(record["v"], record["u"]) for record in ordered], np.float64).reshape(side, side, 2)
-    cells = [(int(record["row"]), int(record["column"])) for record in records]
-    rows, columns = (sorted(set(numbers)) for numbers in zip(*cells, strict=True))
-    values = np.full((len(rows), len(columns), 2), np.nan)
-    for (row, column), record in zip(cells, records, strict=True):
-        values[rows.index(row), columns.index(column)] = float(record["v"]), float(record["u"])
-    return values
+        remedy = "write a line row,column,v,u for each view under such a header"
+        raise FileError(f"{path} must hold positions of cameras", got=got, remedy=remedy) from error
+    return positions
 
 
 def normalised(listed: NDArray[np.float64], present: NDArray[np.bool_], source: str) -> NDArray[np.float64] | None:

@@ -19,7 +19,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.errors import first_line
 from lfref.io import atomic, images
 
 RELIEF = 0.25
@@ -133,44 +132,6 @@ def write_points(
     with atomic.replacing(path) as partial, partial.open("wb") as file:
         file.write("\n".join([*header, "end_header\n"]).encode("ascii", "replace"))
         file.write(table.tobytes())
-
-
-HEADER = re.compile(rb"P([Ff])\s+(\d+)\s+(\d+)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)\s", re.ASCII)
-"""Header of a PFM file; one byte of white space ends it, and the data follow."""
-
-
-def read_pfm(path: str | Path) -> NDArray[np.float32]:
-    """Values of a PFM file, also NaN and infinity, top row first, float32, [H, W, C] with C 1 or 3."""
-    path = Path(path)
-    with atomic.file_errors(path, "read"):
-        contents = path.read_bytes()
-    header = HEADER.match(contents)
-    if header is None:
-        raise images.damaged(path, "no header of a PFM file")
-    shape = int(header[3]), int(header[2]), 1 if header[1] == b"f" else 3
-    # The size of the scale is ignored, since data sets disagree on its meaning.
-    order = "<" if header[4].startswith(b"-") else ">"
-    try:
-        rows = np.frombuffer(contents[header.end() :], f"{order}f4").reshape(shape)
-    except ValueError as error:
-        raise images.damaged(path, first_line(error)) from error
-    return np.ascontiguousarray(rows[::-1], dtype=np.float32)
-
-
-def read_hci_disparity(path: str | Path) -> Tensor:
-    """Slopes [H, W] at which pixels are sharp, from a disparity map of HCI's benchmark such as `gt_disp_lowres.pfm`.
-
-    Near things have a positive disparity in HCI's maps, and a negative slope in lfref: they move to the left where the
-    camera moves to the right. Source: Honauer et al., "A Dataset and Evaluation Methodology for Depth Estimation on 4D
-    Light Fields", 2016.
-
-    Example:
-        >>> from lfref.io import disparity_files
-        >>> disparity_files.write_pfm("gt_disp_lowres.pfm", np.full((24, 32), 1.5, np.float32))
-        >>> disparity_files.read_hci_disparity("gt_disp_lowres.pfm").unique()
-        tensor([-1.5000])
-    """
-    return -torch.from_numpy(read_pfm(path)[..., 0])
 
 
 def write_pfm(path: str | Path, values: NDArray) -> None:

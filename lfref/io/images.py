@@ -137,12 +137,6 @@ def damaged(path: Path, reason: str) -> FileError:
     return FileError(f"{path} cannot be decoded", got=first_line(reason), remedy="it may be damaged: copy it again")
 
 
-def image_size(path: Path) -> tuple[int, int]:
-    """Height and width of an image file, from its header."""
-    with open_image(path) as source:
-        return source.spec().height, source.spec().width
-
-
 def encoding_of(path: Path, option: str, default: Encoding) -> Encoding:
     """The encoding of a file's samples: the option `encoding`, else the file's header, else the default."""
     if option != "file":
@@ -248,7 +242,7 @@ def sample_type(path: Path, bits: int | None) -> str:
     kind = next(iter(kinds.values()), None) if bits is None else kinds.get(bits)
     if kind is None:
         known = ", ".join(f"{each} of {' or '.join(map(str, DEPTHS[each]))} bits" for each in DEPTHS)
-        raise InputError(f"a picture must be {known}", got=f"{path.name}, {bits or 'default'} bits")
+        raise InputError(f"the format of a picture must be {known}", got=f"{path.name}, {bits or 'default'} bits")
     return kind
 
 

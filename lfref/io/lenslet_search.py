@@ -45,10 +45,9 @@ FEWEST_LENSLETS = 16
 def lattice_of(white: NDArray, path: Path) -> Lattice:
     """The lattice of the lenslets of a white image, linear light, [H, W]; lenslet (0, 0) is in its middle."""
     lattice = find_lattice(white)
-    if lattice is None or (lattice.is_hexagonal and abs(lattice.rotation) > MAX_HEXAGONAL_ROTATION):
-        got = "none" if lattice is None else f"rows turned by {lattice.rotation:.1f} degrees"
+    if lattice is None:
         remedy = "turn it by 90 degrees, or set reader.pitch, offset and rotation without reader.calibration"
-        raise FileError(f"{path} must show lenslets of a regular lattice in level rows", got=got, remedy=remedy)
+        raise FileError(f"{path} must show lenslets of a regular lattice in level rows", got="none", remedy=remedy)
     return lattice
 
 
@@ -62,10 +61,13 @@ def lattice_of_scene(image: NDArray) -> Lattice | None:
 
 
 def find_lattice(image: NDArray, phase_error: float = PHASE_ERROR) -> Lattice | None:
-    """The lattice that a white image, or one of lenslets with dark borders, shows, [H, W]; None if it shows none."""
+    """The lattice in level rows that a white image, or one of lenslets with dark borders, shows, [H, W], or None."""
     rough = strongest_waves(image)
     waves = None if rough is None else _fit_phases(image, rough, phase_error)
-    return None if waves is None else _counted_from_middle(_lattice_of_waves(*waves), image.shape)
+    lattice = None if waves is None else _lattice_of_waves(*waves)
+    if lattice is None or (lattice.is_hexagonal and abs(lattice.rotation) > MAX_HEXAGONAL_ROTATION):
+        return None
+    return _counted_from_middle(lattice, image.shape)
 
 
 def refined(image: NDArray, lattice: Lattice) -> Lattice | None:

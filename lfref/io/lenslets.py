@@ -3,8 +3,12 @@
 In an ESLF image every block of 14x14 pixels is one lenslet: view (v, u) of lenslet (y, x) is pixel (14 y + v,
 14 x + u). Other lattices are resampled (`lenslet_lattice`): the image itself shows them by the dark borders of
 lenslets, or a white image of the camera does (`lenslet_search`), which also evens out the brightness of the views.
+
+Photographs of bricks, tiles and fabric have lattices too, but the image of a pupil behind a lenslet is round. Lenslets
+that are aligned with the pixels need no dark gaps: the direction jumps from the last pixel of one to the first of the
+next, while a photograph goes on there as anywhere else.
 Source: the Stanford Lytro light field archive, and Srinivasan et al. 2017 for the window of 7x7 views from 4.
-Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns.
+Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns, `y x` row and column of a pixel.
 """
 
 import logging
@@ -12,13 +16,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from lfref import encoding as encodings
 from lfref.errors import FileError, InputError
-from lfref.io import images, lenslet_cells, lenslet_lattice, lenslet_search
+from lfref.functional import neighbours
+from lfref.io import images, lenslet_lattice, lenslet_search
 from lfref.io.lenslet_lattice import Lattice
-from lfref.io.lenslet_search import FEWEST_LENSLETS, MAX_HEXAGONAL_ROTATION
+from lfref.io.lenslet_search import FEWEST_LENSLETS
 from lfref.io.samples import LENSLET, ReadOptions, Samples, split_weight
 
 log = logging.getLogger(__name__)
@@ -29,6 +35,19 @@ WHITE_PERCENTILE = 99.0
 """Percentile of a white image that counts as white; the brightest samples are defects."""
 DARK = 0.25
 """Share of white below which the weight falls: a division by less multiplies the noise by more than 4."""
+MIDDLE, BINS, RADIAL_TERMS = 700, 24, 7
+"""Side of the middle that is judged, in pixels; bins along each side of a mean cell, which is one and a half pitches
+wide; terms of the polynomial in the squared distance that describes the round image of a pupil."""
+ROUND = 0.95
+"""Least roundness: lenslets have .98 to 1, bricks, tiles and fences up to .9, aligned ones .2 to .85."""
+CONTRAST = 0.1
+"""Contrast of aligned lenslets from which the roundness counts: without dark gaps there is nothing round."""
+BORDER = 1.4
+"""Least difference of pixels across the borders of aligned lenslets, over that of others: captures have 2 to 10."""
+STRIPS, THICKNESS, STRIP_LENGTH = 12, 6, 4096
+"""Number of strips of an image along each axis, width of a strip, and its largest length, in pixels."""
+SHORTEST_PITCH, LONGEST_PITCH = 3, 64
+"""Range of the pitches of aligned lenslets that are measured, in pixels."""
 
 
 def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
@@ -38,50 +57,32 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
         log.warning("%s: the losses of JPEG mix neighbouring views; read a lossless file if there is one", path)
     if options.describes_lenslets:
         return _resampled_views(path, image, options)
-    steps = [along for axis in (0, 1) if (along := lenslet_cells.steps_along(_grey(image), axis)) is not None]
-    has_borders = any(lenslet_cells.borders(along, options.lenslet) >= lenslet_cells.BORDER for along in steps)
-    lattice = None if has_borders else _shown_lattice(image, path)
+    grey = _grey(image)
+    steps = [along for axis in (0, 1) if (along := steps_along(grey, axis)) is not None]
+    has_borders = any(borders(along, options.lenslet) >= BORDER for along in steps)
+    lattice = None if has_borders else _shown_lattice(grey)
     shown = None if lattice is None or not _is_aligned(lattice, image.shape) else round(lattice.pitch[1])
     if lattice is None or shown is not None or options.lenslet != LENSLET:
-        pitch = options.lenslet if has_borders or not steps else shown or lenslet_cells.aligned_pitch(steps)
-        _check_aligned(image, options.lenslet, path, pitch)
+        pitch = options.lenslet if has_borders or not steps else shown or aligned_pitch(steps)
+        _check_aligned(grey, options.lenslet, path, pitch)
         keep = options.window((options.lenslet,) * 2, path, options.angular_size or (DEFAULT_VIEWS, DEFAULT_VIEWS))
         colours, weight = split_weight(unpack(image, options.lenslet)[keep], axis=2)
         return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(image)))
-    if not lattice.is_hexagonal or abs(lattice.rotation) <= MAX_HEXAGONAL_ROTATION:
-        return _resampled_views(path, image, options, lattice)
-    # Rows of hexagonal lenslets that stand upright are level in the transposed image.
-    level = lenslet_search.lattice_of_scene(_grey(image).T)
-    across = replace(options, angular_size=None if options.angular_size is None else options.angular_size[::-1])
-    turned = _resampled_views(path, np.ascontiguousarray(image.swapaxes(0, 1)), across, level)
-    return turned.changed(lambda views: views.transpose(1, 0, 2, 4, 3))
-
-
-def _shown_lattice(image: NDArray, path: Path) -> Lattice | None:
-    """The lattice of lenslets that an image [H, W, C] shows; FileError for that of something else."""
-    # The middle is enough to see that there is none, which saves seconds for large images.
-    side = lenslet_search.MIDDLE
-    top, left = (max(0, (length - side) // 2) for length in image.shape[:2])
-    if lenslet_search.lattice_of_scene(_grey(image[top : top + side, left : left + side])) is None:
-        return None
-    grey = _grey(image)
-    lattice = lenslet_search.lattice_of_scene(grey)
-    if lattice is None:
-        return None
-    cells = lenslet_cells.measure(grey, lattice)
-    if cells.roundness < lenslet_cells.ROUND:
-        return None
-    if _is_aligned(lattice, image.shape):
-        return lattice
     option = f"reader.lattice={lattice.name} reader.pitch=[{lattice.pitch[0]:.3f},{lattice.pitch[1]:.3f}]"
-    if cells.are_focused:
-        raise _focused(path, lattice)
-    if not cells.show_lenslets:
-        remedy = f"give a folder of views, or set {option} to read it"
-        raise FileError(f"{path} must be an image of lenslets", got="a pattern without parallax", remedy=remedy)
     place = f"reader.offset=[{lattice.origin[0]:.2f},{lattice.origin[1]:.2f}] reader.rotation={lattice.rotation:.3f}"
     log.info("%s: lenslets found as by %s %s", path, option, place)
-    return lattice
+    return _resampled_views(path, image, options, lattice)
+
+
+def _shown_lattice(grey: NDArray) -> Lattice | None:
+    """The lattice of round cells that an image [H, W] shows; None if it shows none."""
+    # The middle is enough to see that there is none, which saves seconds for large images.
+    side = lenslet_search.MIDDLE
+    top, left = (max(0, (length - side) // 2) for length in grey.shape)
+    if lenslet_search.lattice_of_scene(grey[top : top + side, left : left + side]) is None:
+        return None
+    lattice = lenslet_search.lattice_of_scene(grey)
+    return None if lattice is None or roundness(grey, lattice)[0] < ROUND else lattice
 
 
 def _is_aligned(lattice: Lattice, size: tuple[int, ...]) -> bool:
@@ -91,18 +92,12 @@ def _is_aligned(lattice: Lattice, size: tuple[int, ...]) -> bool:
     return not lattice.is_hexagonal and bool((drift < 1).all())
 
 
-def _focused(path: Path, lattice: Lattice) -> FileError:
-    got = f"one of a focused camera (Raytrix), lenslets of {lattice.pitch[1]:.1f} pixels with pictures"
-    remedy = "export views by the maker's tool (RxLive), and read those"
-    return FileError(f"{path} must be of a camera whose lenslets show the pupil", got=got, remedy=remedy)
-
-
-def _check_aligned(image: NDArray, lenslet: int, path: Path, pitch: int | None) -> None:
-    """Refuse an image [H, W, C] that shows no lenslets of this size, but another pitch or none; small ones pass."""
-    size, got, remedy = min(image.shape[:2]), "", f"give a folder of views, or set reader.pitch={lenslet} to read it"
+def _check_aligned(grey: NDArray, lenslet: int, path: Path, pitch: int | None) -> None:
+    """Refuse an image [H, W] that shows no lenslets of this size, but another pitch or none; small ones pass."""
+    size, got, remedy = min(grey.shape), "", f"give a folder of views, or set reader.pitch={lenslet} to read it"
     if size < lenslet:
-        got = f"{image.shape[0]}x{image.shape[1]} pixels"
-    elif lenslet < lenslet_cells.SHORTEST_PITCH or not np.ptp(image):
+        got = f"{grey.shape[0]}x{grey.shape[1]} pixels"
+    elif lenslet < SHORTEST_PITCH or not np.ptp(grey):
         return
     elif pitch not in (None, lenslet) and size >= FEWEST_LENSLETS * pitch:
         got, remedy = f"lenslets of {pitch}", f"set reader.lenslet={pitch}"
@@ -114,8 +109,8 @@ def _check_aligned(image: NDArray, lenslet: int, path: Path, pitch: int | None) 
     else:
         corner = (lenslet - 1) / 2
         lattice = lenslet_lattice.upright((float(lenslet), float(lenslet)), (corner, corner))
-        cells = lenslet_cells.measure(_grey(image), lattice)
-        if cells.contrast >= lenslet_cells.CONTRAST and cells.roundness < lenslet_cells.ROUND:
+        share, contrast = roundness(grey, lattice)
+        if contrast >= CONTRAST and share < ROUND:
             got = "a picture of something regular"
     if got:
         raise FileError(f"{path} must hold aligned lenslets of {lenslet} pixels", got=got, remedy=remedy)
@@ -124,6 +119,85 @@ def _check_aligned(image: NDArray, lenslet: int, path: Path, pitch: int | None) 
 def _grey(image: NDArray) -> NDArray[np.float32]:
     grey: NDArray[np.float32] = split_weight(image)[0].mean(axis=2, dtype=np.float32)
     return grey
+
+
+def roundness(image: NDArray, lattice: Lattice) -> tuple[float, float]:
+    """How round the mean cell of a lattice is in the middle of an image [H, W], and its contrast.
+
+    Returns:
+        Share of the variance of the mean cell that the distance from its centre explains; standard deviation of the
+        mean cell over its mean.
+    """
+    pitch = lattice.pitch[1]
+    height, width = (min(length, MIDDLE) for length in image.shape)
+    top, left = (image.shape[0] - height) // 2, (image.shape[1] - width) // 2
+    light = np.asarray(image[top : top + height, left : left + width], np.float64)
+    around = neighbours.box_mean(torch.from_numpy(light)[None], 2 * round(pitch) + 1)[0].numpy()
+    y, x = np.mgrid[top : top + height, left : left + width]
+    offset = (np.stack([y, x]) - lattice.centres(*lattice.nearest(y, x))) / pitch
+
+    # The mean of all cells in bins, relative to the light around.
+    bins = np.rint((offset / 1.5 + 0.5) * BINS).clip(0, BINS).astype(int)
+    place = (bins[0] * (BINS + 1) + bins[1]).ravel()
+    exists = np.bincount(place) > 0
+    n_pixels, total, light_around, radius = (
+        np.bincount(place, values.ravel())[exists]
+        for values in (np.ones_like(light), light, np.maximum(around, 1e-9), np.hypot(*offset))
+    )
+    cell = total / light_around
+    mean = np.average(cell, weights=n_pixels)
+
+    # A polynomial in the squared radius, weighted by the pixels.
+    root = np.sqrt(n_pixels)
+    design = np.vander((radius / n_pixels) ** 2, RADIAL_TERMS) * root[:, None]
+    target = (cell - mean) * root
+    rest = target - design @ np.linalg.lstsq(design, target, rcond=None)[0]
+    variance = float(target @ target)
+    share = 1 - float(rest @ rest) / max(variance, 1e-30)
+    return share, float(np.sqrt(variance / n_pixels.sum()) / max(mean, 1e-9))
+
+
+def steps_along(image: NDArray, axis: int) -> NDArray | None:
+    """Mean difference of each pixel from the next along an axis of an image [H, W]; None if it is too flat or small."""
+    if image.shape[axis] < 2 * SHORTEST_PITCH:
+        return None
+    rows = image if axis else image.T
+    left = max(0, rows.shape[1] - STRIP_LENGTH) // 2
+    tops = np.unique(np.linspace(0, max(0, len(rows) - THICKNESS), STRIPS).astype(int))
+    strips = np.concatenate([rows[top : top + THICKNESS] for top in tops])
+    # Whole lenslets are counted from the image's corner.
+    steps = np.abs(np.diff(strips[:, : left + STRIP_LENGTH], axis=1))
+    mean = steps.mean(axis=1, keepdims=True)
+    if (mean > 0).sum() < THICKNESS:
+        return None
+    # A few strong edges of the scene would hide the rest.
+    return np.minimum(steps[mean[:, 0] > 0] / mean[mean[:, 0] > 0], 3).mean(axis=0)
+
+
+def borders(steps: NDArray, pitch: int) -> float:
+    """Mean of the steps across the borders of aligned lenslets, over that of others; 1 if the pitch is another."""
+    at = np.arange(1, len(steps) + 1)
+    is_border = at % pitch == 0
+
+    def ratio(one: NDArray, other: NDArray) -> float:
+        return float(steps[one].mean() / max(steps[other].mean(), 1e-9)) if one.any() and other.any() else 1.0
+
+    # Borders of half the pitch, or every second one of this pitch, are no borders of this pitch.
+    finer = any(
+        ratio(~is_border & (at % part == 0), ~is_border & (at % part > 0)) >= BORDER
+        for part in range(SHORTEST_PITCH, pitch)
+        if pitch % part == 0
+    )
+    coarser = any(ratio(at % (n * pitch) == 0, is_border & (at % (n * pitch) > 0)) >= BORDER for n in (2, 3))
+    return 1.0 if finer or coarser else ratio(is_border, ~is_border)
+
+
+def aligned_pitch(along: list[NDArray]) -> int | None:
+    """The pitch of aligned lenslets that the steps along both axes show; None if they show none."""
+    longest = min(LONGEST_PITCH, *(len(steps) // 2 for steps in along))
+    scores = {n: min(borders(steps, n) for steps in along) for n in range(SHORTEST_PITCH, longest + 1)}
+    best = max(scores, key=lambda n: scores[n], default=None)
+    return best if best is not None and scores[best] >= BORDER else None
 
 
 def unpack(image: NDArray, lenslet: int = LENSLET) -> NDArray:
@@ -152,7 +226,7 @@ def _resampled_views(path: Path, image: NDArray, options: ReadOptions, lattice: 
     tone = images.encoding_of(path, options.encoding, encodings.LINEAR)
     light = images.decoded(stored, tone)
     white = None if options.calibration is None else _white_image(options.calibration, options, light, path)
-    lattice = lattice or _lattice(options, light, white, path)
+    lattice = lattice or _lattice(options, light, white)
     views = sampled(light, lattice, options, path)
     weight = None if alpha is None else sampled(images.to_float(alpha), lattice, options, path)
     if white is not None:
@@ -182,14 +256,11 @@ def _white_image(path: Path, options: ReadOptions, image: NDArray, image_path: P
     return np.divide(light, level, dtype=np.float32)
 
 
-def _lattice(options: ReadOptions, light: NDArray, white: NDArray | None, path: Path) -> Lattice:
+def _lattice(options: ReadOptions, light: NDArray, white: NDArray | None) -> Lattice:
     """The lattice: the options count first, then the white image, then the image itself."""
     if white is not None and options.calibration is not None and None in (options.pitch, options.offset):
-        of_white = lenslet_search.lattice_of(white.mean(axis=2), options.calibration)
-        if lenslet_cells.measure(_grey(light), of_white).are_focused:
-            raise _focused(path, of_white)
-        return overridden(of_white, options)
-    if options.pitch is None and (of_scene := _shown_lattice(light, path)) is not None:
+        return overridden(lenslet_search.lattice_of(white.mean(axis=2), options.calibration), options)
+    if options.pitch is None and (of_scene := _shown_lattice(_grey(light))) is not None:
         return overridden(of_scene, options)
     described = overridden(None, options)
     # An image with a whole pitch was cut by a tool: its first lenslet begins in the corner.

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from torch.nn import functional as F
 
 from lfref import encoding as encodings
-from lfref.errors import FileError, InputError, first_line
+from lfref.errors import FileError, first_line
 from lfref.io import images, lenslet_lattice, lenslet_search, lenslets, lytro_files
 from lfref.io.lenslet_lattice import Lattice
 from lfref.io.lytro_files import RawImage, Record, unusable
@@ -31,8 +31,6 @@ from lfref.io.samples import ROW_DISTANCES, ReadOptions, Samples
 
 log = logging.getLogger(__name__)
 
-ENCODINGS = ("file", "linear", "none")
-"""Values of the option `encoding` that fit: raw images are linear."""
 WHITE_REMEDY = "set reader.calibration to the calibration of the camera"
 TAGS = "com.lytro.tags"
 TILINGS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "square"}
@@ -51,8 +49,6 @@ COLOURS = {"r": 0, "gr": 1, "gb": 1, "b": 2}
 
 def decode_raw(path: Path, options: ReadOptions) -> Samples:
     """The chosen views, linear sRGB, with a weight if there is a white image."""
-    if options.encoding not in ENCODINGS:
-        raise InputError(f"encoding of the raw image {path} must be one of {ENCODINGS}", got=options.encoding)
     image = lytro_files.read_raw(path)
     pattern = mosaic(image.record)
     white = _white_light(image, options.calibration, pattern)
@@ -102,7 +98,6 @@ class _White(NamedTuple):
 
     name: str
     record: Record
-    serial: str
     data: Callable[[], bytes]
 
     def distance(self, record: Record) -> tuple[float, float, float]:
@@ -115,52 +110,38 @@ class _White(NamedTuple):
 
 def read_white(path: Path, image: RawImage) -> RawImage:
     """The white image for a raw image: the file itself, or that of a calibration with the nearest zoom, then focus."""
-    if not path.is_dir() and not _is_archive(path):
-        white = lytro_files.read_raw(path)
-    else:
-        try:
-            whites = list(_whites(_calibration_files(path)))
-        except tarfile.TarError as error:
-            raise images.damaged(path, first_line(error)) from error
-        # Serial numbers must agree if both are known.
-        own = [one for one in whites if not image.serial or not one.serial or one.serial == image.serial]
-        if not own:
-            got = f"those of {', '.join(sorted({one.serial for one in whites})) or 'none'}"
-            expected = f"{path} must hold white images of the camera {image.serial} of {image.path}"
-            raise FileError(expected, got=got, remedy=WHITE_REMEDY)
-        nearest = min(own, key=lambda one: one.distance(image.record))
-        name = path / PureWindowsPath(nearest.name).name
-        samples = lytro_files.unpacked(nearest.data(), nearest.record, name)
-        white = RawImage(name, samples, nearest.record, nearest.serial)
-    return white
-
-
-def _is_archive(path: Path) -> bool:
-    """Whether a file is an archive of other files: a tar file, or a container like `data.C.0`."""
-    if images.read_head(path).startswith(lytro_files.MAGIC):
-        return lytro_files.Container.open(path).contents.get("files") is not None
-    return path.suffix.lower() != lytro_files.BARE and tarfile.is_tarfile(path)
+    try:
+        files = _calibration_files(path)
+    except tarfile.TarError as error:
+        raise images.damaged(path, first_line(error)) from error
+    if not files and not path.is_dir():
+        return lytro_files.read_raw(path)
+    nearest = min(_whites(files), key=lambda one: one.distance(image.record), default=None)
+    if nearest is None:
+        raise FileError(f"{path} must hold white images of the camera of {image.path}", got="none", remedy=WHITE_REMEDY)
+    name = path / PureWindowsPath(nearest.name).name
+    return RawImage(name, lytro_files.unpacked(nearest.data(), nearest.record, name), nearest.record)
 
 
 def _calibration_files(path: Path) -> dict[str, Callable[[], bytes]]:
-    """Name -> function that reads it, of all files in a calibration."""
-    files: dict[str, Callable[[], bytes]] = {}
+    """Name -> function that reads it, of all files in a calibration: a folder, a tar file, or a container of files."""
     if path.is_dir():
+        files: dict[str, Callable[[], bytes]] = {}
         for file in sorted(file for file in path.rglob("*") if file.is_file()):
             name = file.name.lower()
             if name.endswith((lytro_files.BARE, ".txt")):
                 files[str(file)] = file.read_bytes
-            elif (name.endswith(".tar") or ".c." in name) and _is_archive(file):
+            elif name.endswith(".tar") or ".c." in name:
                 files |= _calibration_files(file)
-    elif tarfile.is_tarfile(path):
-        with tarfile.open(path) as archive:
-            members = [member for member in archive.getmembers() if member.isfile()]
-        files |= {member.name: partial(_bytes_of, path, member) for member in members}
-    else:
+        return files
+    if images.read_head(path).startswith(lytro_files.MAGIC):
         container = lytro_files.Container.open(path)
-        for entry in container.contents.children("files"):
-            files[str(entry.get("name"))] = partial(container.data, entry.get("dataRef"))
-    return files
+        entries = container.contents.children("files")
+        return {str(entry.get("name")): partial(container.data, entry.get("dataRef")) for entry in entries}
+    if path.suffix.lower() == lytro_files.BARE or not tarfile.is_tarfile(path):
+        return {}
+    with tarfile.open(path) as archive:
+        return {member.name: partial(_bytes_of, path, member) for member in archive.getmembers() if member.isfile()}
 
 
 def _bytes_of(path: Path, member: tarfile.TarInfo) -> bytes:
@@ -177,11 +158,11 @@ def _whites(files: Mapping[str, Callable[[], bytes]]) -> Iterator[_White]:
         stem = name[:-4].lower()
         if not name.lower().endswith(lytro_files.BARE) or stem not in texts:
             continue
-        whole = Record.parse(Path(name), texts[stem]())
-        frame = next(lytro_files.records(whole.entries, "image", "devices"), None)
-        tags: Mapping[str, Any] = next(lytro_files.records(whole.entries, TAGS), {TAGS: {}})[TAGS]
+        entries = Record.parse(Path(name), texts[stem]()).entries
+        frame = next(lytro_files.records(entries, "image", "devices"), None)
+        tags: Mapping[str, Any] = next(lytro_files.records(entries, TAGS), {TAGS: {}})[TAGS]
         if frame is not None and tags.get("modulationFrame", True) and not tags.get("darkFrame", False):
-            yield _White(name, Record(Path(name), frame), lytro_files.serial_of([whole]), read)
+            yield _White(name, Record(Path(name), frame), read)
 
 
 def mosaic(record: Record) -> Mosaic:
@@ -223,7 +204,7 @@ def balance(record: Record) -> dict[str, float]:
 def colour_matrix(record: Record) -> NDArray[np.float32]:
     """Matrix from balanced colours of the camera to linear sRGB, [3, 3]; its rows sum to 1, so that white stays."""
     names = [name for name in ("ccm", "ccmRgbToSrgbArray") if record.get("image", "color", name) is not None]
-    values = record.numbers("image", "color", *(names[:1] or ["ccm"]), count=9)
+    values = [record.number("image", "color", *(names[:1] or ["ccm"]), k) for k in range(9)]
     return np.array(values, np.float32).reshape(3, 3)
 
 

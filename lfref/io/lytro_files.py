@@ -10,7 +10,7 @@ Letters: `H W` pixel rows and columns, `N` planes.
 import io
 import json
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,19 +76,14 @@ class Record(NamedTuple):
         entries = self.get(*keys)
         return [Record(self.path, one) for one in entries if isinstance(one, dict)] if isinstance(entries, list) else []
 
-    def number(self, *keys: str, default: float | None = None) -> float:
+    def number(self, *keys: str | int, default: float | None = None) -> float:
         """The finite number under nested keys; the default, if there is one, where there is no entry."""
-        if default is not None and self.get(*keys) is None:
-            return default
-        return self.numbers(*keys, count=1)[0]
-
-    def numbers(self, *keys: str, count: int) -> list[float]:
-        """The list of finite numbers under nested keys; one number may stand alone."""
         entry = self.get(*keys)
-        values = entry if isinstance(entry, list) else [entry]
-        if len(values) != count or not all(type(one) in (int, float) and abs(one) < LARGEST for one in values):
-            raise unusable(self.path, f"{count} numbers as {'.'.join(keys)} in its JSON", entry)
-        return [float(one) for one in values]
+        if entry is None and default is not None:
+            return default
+        if type(entry) not in (int, float) or not abs(entry) < LARGEST:
+            raise unusable(self.path, f"a number as {'.'.join(map(str, keys))} in its JSON", entry)
+        return float(entry)
 
 
 def records(contents: Any, *keys: str, depth: int = MAX_DEPTH) -> Iterator[Mapping[str, Any]]:
@@ -171,8 +166,6 @@ class RawImage(NamedTuple):
     """Samples of the mosaic, [H, W]."""
     record: Record
     """Record of the frame: `image`, `devices`, `camera`."""
-    serial: str = ""
-    """Serial number of the camera, if known."""
     white: NDArray[np.uint16] | None = None
     """The white image that the container itself holds, [H, W]."""
 
@@ -210,12 +203,8 @@ def frame_record(path: Path) -> Record:
 
 def _partners(path: Path) -> Iterator[Path]:
     """Files beside a `.raw` file that may hold its JSON, as the camera, LFP Reader and lfptools name them."""
-    names = [f"{path.stem}{end}".lower() for end in (".json", ".txt", "_metadata.json", "_private_metadata.json")]
-    if "imageref" in path.stem.lower():
-        head, _, number = path.stem.lower().rpartition("imageref")
-        names += [f"{head}metadataref{number}.json", f"{head}privatemetadataref{number}.json"]
-        # lfptools counts all references that are metadata in one sequence.
-        names += [f"{head}privatemetadataref{int(number) + 1}.json"] if number.isdecimal() else []
+    stem = path.stem.lower()
+    names = [stem + ".json", stem + ".txt", stem + "_metadata.json", stem.replace("imageref", "metadataref") + ".json"]
     there = {file.name.lower(): file for file in path.parent.iterdir()} if path.parent.is_dir() else {}
     return (there[name] for name in names if name in there)
 
@@ -224,24 +213,15 @@ def read_raw(path: Path) -> RawImage:
     """The raw image of a container, or of a `.raw` file with its JSON; FileError for files for sharing."""
     if path.suffix.lower() == BARE:
         record = frame_record(path)
-        serial = serial_of(Record.parse(partner, partner.read_bytes()) for partner in _partners(path))
-        return RawImage(path, unpacked(path.read_bytes(), record, path), record, serial)
+        return RawImage(path, unpacked(path.read_bytes(), record, path), record)
     container = Container.open(path)
     frame = container.frame
     if not container.holds(frame.get("imageRef")):
         raise unusable(path, "a raw image of the sensor", "none; lfref view shows files for sharing")
     record = container.record(frame.get("metadataRef"))
-    private, white = frame.get("privateMetadataRef"), frame.get("modulationDataRef")
-    sources = [record, *([container.record(private)] if container.holds(private) else [])]
-    samples = unpacked(container.data(frame["imageRef"]), record, path)
+    samples, white = unpacked(container.data(frame["imageRef"]), record, path), frame.get("modulationDataRef")
     white_samples = unpacked(container.data(white), record, path) if container.holds(white) else None
-    return RawImage(path, samples, record, serial_of(sources), white_samples)
-
-
-def serial_of(sources: Iterable[Record]) -> str:
-    """The camera's serial number in the first record that has one."""
-    cameras = (camera for record in sources for camera in records({"": record.entries}, "camera"))
-    return next((str(one["camera"]["serialNumber"]) for one in cameras if "serialNumber" in one["camera"]), "")
+    return RawImage(path, samples, record, white_samples)
 
 
 def details(record: Record) -> tuple[str, ...]:

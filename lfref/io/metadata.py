@@ -1,21 +1,17 @@
-"""Metadata of light fields: camera and exposure from EXIF, Lytro's JSON, MAT files and HCI's `parameters.cfg`.
+"""Metadata of light fields: camera and exposure from EXIF, raw files of Lytro cameras, and HCI's `parameters.cfg`.
 
 Everything is text, with its unit. Metadata do not change how a light field is read: missing or damaged entries are left
 out without a message.
 """
 
 import configparser
-import itertools
-import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from lfref.io import images, lytro_files, view_folders
 
-MAX_JSON = 2**22
-"""Largest JSON file to read, in bytes; thumbnails in base64 make some of them long."""
 PARAMETERS = {
     "scene": ("meta", "scene", ""),
     "focal length": ("intrinsics", "focal_length_mm", " mm"),
@@ -39,8 +35,6 @@ LYTRO: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "focal length": lambda frame: f"{1000 * float(frame['devices']['lens']['focalLength']):.4g} mm",
     "ISO": lambda frame: f"{float(frame['devices']['sensor'].get('iso') or frame['image']['iso']):g}",
     "date": lambda frame: str(frame["devices"]["clock"]["zuluTime"]),
-    "lens pitch": lambda frame: f"{1e6 * float(frame['devices']['mla']['lensPitch']):.4g} um",
-    "pixel pitch": lambda frame: f"{1e6 * float(frame['devices']['sensor']['pixelPitch']):.4g} um",
 }
 """Key of the metadata -> its text from the record of a Lytro frame."""
 
@@ -50,7 +44,7 @@ def read_metadata(path: Path) -> dict[str, str]:
 
     Returns:
         Some of `camera`, `lens`, `exposure time`, `f-number`, `focal length`, `ISO`, `date`, `scene`, `sensor size`,
-        `baseline`, `focus distance`, and `slopes` (the range of slopes). Entries of pictures replace those of JSON.
+        `baseline`, `focus distance`, and `slopes` (the range of slopes).
     """
     entries: dict[str, str] = {}
     for source in (_lytro, _exif, _hci):
@@ -80,21 +74,8 @@ def _exif(path: Path) -> dict[str, str]:
 
 
 def _lytro(path: Path) -> dict[str, str]:
-    """Metadata of a Lytro camera: of its own files, a MAT file of the Light Field Toolbox, or JSON beside pictures."""
-    frames: Iterator[Mapping[str, Any]] = iter(())
-    if path.suffix.lower() == ".mat":
-        from scipy import io  # slow to import: only those who read MAT files wait for it
-
-        with suppress(NotImplementedError):  # MATLAB 7.3
-            structure = io.loadmat(path, variable_names=["LFMetadata"], simplify_cells=True)
-            frames = lytro_files.records(structure, "camera", "devices")
-    elif lytro_files.is_raw(path):
-        frames = iter([lytro_files.frame_record(path).entries])
-    for file in sorted(path.glob("*.json")) if path.is_dir() else [path.with_suffix(".json")]:
-        if not file.name.startswith(".") and file.is_file() and file.stat().st_size <= MAX_JSON:
-            inner = lytro_files.records(json.loads(file.read_text("utf-8")), "camera", "devices")
-            frames = itertools.chain(frames, inner)
-    frame, entries = next(frames, {}), {}
+    """Metadata in a raw file of a Lytro camera."""
+    frame, entries = lytro_files.frame_record(path).entries if lytro_files.is_raw(path) else {}, {}
     for name, text in LYTRO.items():
         with suppress(KeyError, TypeError, ValueError):
             if value := text(frame):

@@ -25,10 +25,9 @@ BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
 
 
 class Format(NamedTuple):
-    """A format of light fields, with its name in metadata and its title in messages."""
+    """A format of light fields, with its name in metadata."""
 
     name: str
-    title: str
     magics: tuple[bytes, ...]
     """Possible first bytes of a file, `?` for any byte; none for a folder."""
     suffixes: tuple[str, ...]
@@ -36,61 +35,26 @@ class Format(NamedTuple):
     decode: Callable[[Path, ReadOptions], Samples]
     holds_views: Callable[[Path], bool] = Path.is_file
     """Whether a file or folder with such a suffix is a light field."""
-    options: tuple[str, ...] = ()
-    """Options of `read` that concern this format, but not all formats."""
 
 
-FOLDER = Format(
-    "folder",
-    "a folder of views",
-    (),
-    ("",),
-    view_folders.decode_folder,
-    view_folders.is_field,
-    ("pattern", "grid", "holes"),
-)
 _LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp", "jpeg")]
+LENSLETS = Format(
+    "eslf",
+    tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
+    tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
+    lenslets.decode_lenslets,
+)
+EXR = Format("exr", *images.FORMATS["exr"], exr.decode_views, exr.holds_views)
+ARRAY_SUFFIXES = ".npy", ".npz", ".mat", ".h5", ".hdf5"
+ARRAY = Format("array", tuple(arrays.OPENERS), ARRAY_SUFFIXES, arrays.decode_array, arrays.holds_views)
+LYTRO_SUFFIXES = ".lfp", ".lfr", lytro_files.BARE
+LYTRO = Format("lytro", (lytro_files.MAGIC,), LYTRO_SUFFIXES, lytro.decode_raw, lytro_files.is_raw)
 # A film, or a JPEG, in a folder may be anything: they are read only if they are named.
-FILM = Format(
-    "film",
-    "a film (MP4, MOV, WebM, AVI, GIF, animated PNG or WebP)",
-    video.MAGICS,
-    (),
-    video.decode_film,
-    options=("pattern", "grid"),
-)
-FORMATS = (
-    Format(
-        "eslf",
-        "a lenslet image (ESLF or raw: PNG, TIFF, JPEG ...)",
-        tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
-        tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
-        lenslets.decode_lenslets,
-        options=("lenslet", "pitch", "offset", "rotation", "lattice", "calibration"),
-    ),
-    Format("exr", "an EXR file", *images.FORMATS["exr"], exr.decode_views, exr.holds_views, ("holes",)),
-    Format(
-        "array",
-        "an array (NPY, NPZ, MAT, HDF5)",
-        tuple(arrays.OPENERS),
-        (".npy", ".npz", ".mat", ".h5", ".hdf5"),
-        arrays.decode_array,
-        arrays.holds_views,
-        ("grid", "axes", "variable"),
-    ),
-    Format(
-        "lytro",
-        "a raw file of a Lytro camera (LFP, LFR, RAW)",
-        (lytro_files.MAGIC,),
-        (".lfp", ".lfr", lytro_files.BARE),
-        lytro.decode_raw,
-        lytro_files.is_raw,
-        ("pitch", "offset", "rotation", "lattice", "calibration"),
-    ),
-    FILM,
-)
+FILM = Format("film", video.MAGICS, (), video.decode_film)
+FORMATS = LENSLETS, EXR, ARRAY, LYTRO, FILM
 """Formats of files; a file has the first format with whose magic bytes it starts."""
-TITLES = ", ".join(known.title for known in (*FORMATS, FOLDER))
+FOLDER = Format("folder", (), ("",), view_folders.decode_folder, view_folders.is_field)
+KNOWN = "a folder of views, a lenslet image, an EXR file, an array (NPY, NPZ, MAT, HDF5), a Lytro raw file, or a film"
 
 
 def format_of(path: Path) -> Format:
@@ -101,10 +65,10 @@ def format_of(path: Path) -> Format:
     for known in FORMATS:
         if images.starts_with(head, known.magics):
             return FILM if images.is_animation(path) else known
-        if known.name == "lytro" and path.suffix.lower() == lytro_files.BARE:
+        if known is LYTRO and path.suffix.lower() == lytro_files.BARE:
             return known
     remedy = "convert it, or unpack it if it is an archive"
-    raise FileError(f"{path} must be a light field: {TITLES}", got="another kind of file", remedy=remedy)
+    raise FileError(f"{path} must be {KNOWN}", got="another kind of file", remedy=remedy)
 
 
 def is_field(path: Path) -> bool:
@@ -124,7 +88,7 @@ def find(path: str | Path) -> list[Path]:
     fields = [child for child in children if not child.stem.endswith(view_folders.BESIDE) and is_field(child)]
     if not fields:
         got, remedy = "none" if path.exists() else "no such file or folder", "check the path"
-        raise FileError(f"{path} must hold light fields: {TITLES}", got=got, remedy=remedy)
+        raise FileError(f"{path} must hold light fields: {KNOWN}", got=got, remedy=remedy)
     return fields
 
 
@@ -154,6 +118,8 @@ def read(
 ) -> LightField:
     """Read a light field: a lenslet image, a raw file of a Lytro camera, a folder, an EXR file, an array, or a film.
 
+    Options for other formats than that of the file have no effect.
+
     Args:
         path: File or folder.
         angular_size: Rows and columns of views to keep, or one number for both; None keeps all, but 7x7 of a
@@ -181,7 +147,7 @@ def read(
         axes: Axes of an array, such as `vuhwc`: view row and column, pixel row and column, channel, or `n` for views
             row by row; None: by the shape of the array, if only one order fits.
         variable: Name of the array in a file of several; None: the only one that may be a light field, or `LF`.
-        positions: Positions of the cameras: a CSV or JSON file as `cameras` describes it, or `names` for the names of a
+        positions: Positions of the cameras: a CSV file as `cameras` describes it, or `names`, those in the names of a
             Stanford gantry's files; None: an even grid.
         spacing: View steps from row to row and from column to column, both above 0, if they differ.
         encoding: Encoding of the samples: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB for
@@ -202,16 +168,13 @@ def read(
     given = {name: value for name, value in locals().items() if name != "path"}
     options, path = ReadOptions.parse(**given), Path(path)
     form = format_of(path)
-    # Options for other formats are refused: users would think that they had an effect.
-    others = {name for known in (*FORMATS, FOLDER) for name in known.options} - set(form.options)
-    if changed := [name for name in sorted(others) if getattr(options, name) != getattr(ReadOptions, name)]:
-        raise InputError(f"{', '.join(changed)} must be left out", got=f"{form.title}, {path}, which has none")
     samples = form.decode(path, options)
     height, width = samples.colours.shape[-2:]
     rows, columns = options.size or (height, width)
     if not (1 <= rows <= height and 1 <= columns <= width):
         raise InputError(f"size must lie within the {height}x{width} views of {path}", got=f"{rows}x{columns}")
-    colours, weight, tone = samples.changed(lambda views: views[..., :rows, :columns])
+    colours, weight, tone = samples
+    colours, weight = colours[..., :rows, :columns], None if weight is None else weight[..., :rows, :columns]
     present = np.asarray(np.ones(colours.shape[:2], bool) if weight is None else weight.any(axis=(2, 3, 4)))
     entries = metadata.read_metadata(path) | {"path": str(path), "format": form.name}
     entries |= {"bits": BITS[colours.dtype.name], "encoding": str(tone)}

@@ -43,10 +43,6 @@ class Samples(NamedTuple):
     encoding: Encoding
     """Encoding of the colours."""
 
-    def changed(self, change: Callable[[NDArray], NDArray]) -> "Samples":
-        """The same change of colours and weight."""
-        return Samples(change(self.colours), None if self.weight is None else change(self.weight), self.encoding)
-
 
 def split_weight(samples: NDArray, axis: int = -1) -> tuple[NDArray, NDArray | None]:
     """Colours, and the weight, which is the last of 2 or 4 channels along an axis."""
@@ -80,7 +76,7 @@ class ReadOptions:
     holes: bool | None = None
     axes: str | None = None
     variable: str | None = None
-    positions: str | None = None
+    positions: str | Path | None = None
     spacing: Pair | None = None
     encoding: str = "file"
 
@@ -91,7 +87,7 @@ class ReadOptions:
             options: dict[str, Any] = {
                 name: tuple(value) if isinstance(value, list) else value for name, value in given.items()
             }
-            row_distance = ROW_DISTANCES.get(options.get("lattice") or "square", 1.0)
+            row_distance = ROW_DISTANCES[options.get("lattice") or "square"]
             if isinstance(pitch := options.get("pitch"), int | float):
                 options["pitch"] = pitch * row_distance, pitch
             if isinstance(views := options.get("angular_size"), int):
@@ -101,28 +97,17 @@ class ReadOptions:
                 options |= {
                     name: options[name][::-1] for name in ("angular_size", "grid") if options.get(name) is not None
                 }
-            options |= {
-                name: form(options[name])
-                for name, form in (("calibration", Path), ("positions", str))
-                if options.get(name)
-            }
+            if options.get("calibration"):
+                options["calibration"] = Path(options["calibration"])
             own = cls(**options)
-            pitches, offset, spacing = own.pitch or (math.inf, math.inf), own.offset or (0, 0), own.spacing or (1, 1)
-            rules = {
-                "lenslet, at least 1 pixel": own.lenslet >= 1,
-                f"pitch, at least {SHORTEST_PITCH:g} pixels": min(pitches) >= SHORTEST_PITCH * row_distance,
-                "offset, two finite numbers": all(map(math.isfinite, offset)) and len(offset) == 2,
-                "rotation, -45 to 45 degrees (turn the image by 90 degrees if need be)": abs(own.rotation or 0) <= 45,
-                f"lattice, {' or '.join(ROW_DISTANCES)}": own.lattice in (None, *ROW_DISTANCES),
-                "size, two numbers": own.size is None or len(own.size) == 2,
-                "spacing, two steps above 0": all(0 < step < math.inf for step in spacing) and len(spacing) == 2,
-            }
-        except (TypeError, ValueError, IndexError) as error:
-            rules = {f"options as lfref.read describes them ({error})": False}
-        broken = [rule for rule, holds in rules.items() if not holds]
-        if broken:
+            (_, _), (_, _) = own.size or (1, 1), own.offset or (0, 0)
+            is_possible = own.lenslet >= 1 and min(own.spacing or (1, 1)) > 0 and abs(own.rotation or 0) <= 45
+            is_possible = is_possible and min(own.pitch or (math.inf, math.inf)) >= SHORTEST_PITCH * row_distance
+        except (KeyError, TypeError, ValueError, IndexError):
+            is_possible = False
+        if not is_possible:
             got = ", ".join(f"{name}={value!r}" for name, value in given.items() if value)
-            raise InputError(f"the reader needs {broken[0]}", got=got)
+            raise InputError("options of the reader must be as lfref.read describes them", got=got)
         return own
 
     @property

@@ -11,7 +11,7 @@ import logging
 import math
 import re
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -27,10 +27,6 @@ log = logging.getLogger(__name__)
 
 FEWEST_NUMBERED = 9
 """Fewest numbered pictures that count as views: other pictures rarely are so many, and a square number."""
-LARGEST_NUMBERED = 2500
-"""Height and width, in pixels, from which numbered pictures may be lenslet images of several scenes."""
-N_NAMED = 5
-"""Most pictures that are named in the log as left out."""
 BESIDE = "_truth", "_disparity", "_all_in_focus", "_masks", "_sheet"
 """Ends of the names of pictures that `lfref simulate` writes beside views."""
 N_WRITERS = 4
@@ -105,12 +101,10 @@ def numbered_fields(files: Iterable[Path]) -> list[list[NamedFile]]:
 
 
 def _looks_like_views(field: list[NamedFile]) -> bool:
-    """Whether numbered pictures count as views without the option `pattern`: they are a square number, and small."""
+    """Whether numbered pictures count as views without the option `pattern`: they are a square number."""
     numbers = {int(file.match["index"]) for file in field}
-    if len(numbers) < len(field) or len(numbers) < FEWEST_NUMBERED:
-        return False
-    is_square = square(min(numbers), max(numbers), len(numbers)) is not None
-    return is_square and min(images.image_size(field[0].path)) < LARGEST_NUMBERED
+    is_enough = len(numbers) == len(field) >= FEWEST_NUMBERED
+    return is_enough and square(min(numbers), max(numbers), len(numbers)) is not None
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -142,15 +136,6 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> tuple
         is_serpentine = options.pattern == "serpentine"
         places = (samples.cell_of(index - base, shape[1], is_serpentine) for (index,) in numbered)
         return dict(zip(places, numbered.values(), strict=True)), shape
-
-    # `cam_1_01` to `cam_1_81` may be one row of 81 views, or 9x9 numbered views of camera 1. Names are ambiguous
-    # unless the numbers of row and column have equally many digits.
-    is_one_row = len({row for row, _ in numbered}) == 1
-    is_even = all(len(file.match["row"]) == len(file.match["column"]) for file in field)
-    if options.pattern is None and is_one_row and not is_even and math.isqrt(len(field)) ** 2 == len(field) > 1:
-        got = f"{counted(len(field), 'view')} named like {field[0].path.name}"
-        remedy = "give reader.pattern=index for a square grid row by row, or reader.pattern=row_column for one row"
-        raise FileError(f"{folder} must say its rows and columns", got=got, remedy=remedy)
     # Rows and columns may begin at any number and count in any common step.
     top, left = min(row for row, _ in numbered), min(column for _, column in numbered)
     step = math.gcd(*(number for row, column in numbered for number in (row - top, column - left))) or 1
@@ -194,16 +179,11 @@ def decode_folder(folder: Path, options: ReadOptions) -> Samples:
     paths = {cell: file.path for cell, file in cells.items()}
     samples.check_holes(paths, shape, folder, options.holes)
     if others := sorted({*image_files(folder)} - {*paths.values()}):
-        log.info("%s: left out, since they are no views: %s", folder, first_names(others))
+        names = ", ".join(path.name for path in others[:5])
+        log.info("%s: left out %s, since they are no views: %s", folder, counted(len(others), "picture"), names)
     colours, weight = samples.gather(paths, options.window(shape, folder), images.read_image)
     tone = images.encoding_of(next(iter(paths.values())), options.encoding, images.usual_encoding(colours))
     return Samples(colours, weight, tone)
-
-
-def first_names(paths: Sequence[Path]) -> str:
-    """The names of at most `N_NAMED` files for the log, and how many more there are."""
-    names = ", ".join(path.name for path in paths[:N_NAMED])
-    return f"{names} and {len(paths) - N_NAMED} more" if len(paths) > N_NAMED else names
 
 
 def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:

@@ -55,7 +55,6 @@ def assert_one_line(status: int, error: str) -> str:
         (("refocus", "input={field}", "device=quantum"), "device"),
         (("refocus", "input={field}", "format=bmp"), "format"),
         (("refocus", "input={field}", "reader.angular_size=99"), "reader.angular_size"),
-        (("refocus", "input={field}", "reader.pitch=14.3"), "reader.pitch"),
         (("refocus", "input={field}", "planes=paper", "correct={here}/text.png"), "corrections"),
         (("view", "input={field}", "methods=null"), "method"),
         (("eval", "input={field}", "planes=auto"), "planes=auto"),

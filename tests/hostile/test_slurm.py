@@ -111,21 +111,12 @@ def submit(script: str, *options: str) -> str:
     ).stdout.strip()
 
 
-def facts(job: str) -> str:
-    return run("scontrol", "show", "job", job)
-
-
 def preempt(job: str) -> None:
-    """Take the nodes from all jobs until this one waits in the queue again, and let them start at once."""
+    """Take the nodes from all jobs until this one waits in the queue again, and start it at once."""
     urgent = submit("#!/bin/sh\nsleep 1\n", "--partition=urgent", "--nodes=2", "--output=/dev/null")
-    wait_until(lambda: "Restarts=1" in facts(job), "the job must be queued again")
-    wait_until(lambda: "JobState=COMPLETED" in facts(urgent), "the urgent job must end")
-    start_again(job)
-
-
-def start_again(job: str) -> None:
-    """Start a job that is queued again at once."""
-    wait_until(lambda: "JobState=PENDING" in facts(job), "the job must wait in the queue")
+    wait_until(lambda: "Restarts=1" in run("scontrol", "show", "job", job), "the job must be queued again")
+    wait_until(lambda: "JobState=COMPLETED" in run("scontrol", "show", "job", urgent), "the urgent job must end")
+    wait_until(lambda: "JobState=PENDING" in run("scontrol", "show", "job", job), "the job must wait in the queue")
     # Within the second in which it was killed, a node takes the new start for the old one, and the job fails.
     time.sleep(3)
     wait_until(lambda: _starts(job), "the job must start again")
@@ -134,7 +125,7 @@ def start_again(job: str) -> None:
 def _starts(job: str) -> bool:
     """Let a job start now, and return whether it runs; SLURM delays it by two minutes when its old nodes are free."""
     subprocess.run(["scontrol", "update", f"JobId={job}", "StartTime=now"], capture_output=True)
-    return "JobState=RUNNING" in facts(job)
+    return "JobState=RUNNING" in run("scontrol", "show", "job", job)
 
 
 def step_of(checkpoint: Path) -> int:

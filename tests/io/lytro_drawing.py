@@ -105,8 +105,8 @@ def true_views(used: Lattice, truth: Lattice, camera: Camera, grid: tuple[int, i
     """The scene in the places of the views that a lattice samples, [V, U, 3, H, W], at most as large as `size`."""
     reach = [(lenslet_lattice.n_views(pitch) - 1) / 2 for pitch in used.pitch]
     rows, columns = used.within(camera.size, tuple(reach))
-    # The first pixel of a row is half a lenslet to the right: there all rows have light.
-    along = (columns[0] + 0.5) * np.array(used.columns)
+    # The first pixel of a hexagonal row is half a lenslet to the right: there all rows have light.
+    along = (columns[0] + used.is_hexagonal / 2) * np.array(used.columns)
     at = used.origin + rows[0] * np.array(used.rows) + along
     place = np.array(truth.steps()) @ (at - truth.origin) / truth.pitch[0]
     size = size or (len(rows), int((len(columns) - 1) * used.pitch[1] / used.pitch[0]))
@@ -188,12 +188,11 @@ def write_raw(
     camera: Camera,
     samples: NDArray[np.uint16] | bytes,
     record: dict,
-    serial: str = "",
     white: bytes = b"",
     others: Sequence[bytes] = (),
 ) -> Path:
     """A raw file of a camera, from samples or packed samples: the table of contents comes first, but in an Illum's."""
-    private = {"devices": {"sensor": {"sensorSerial": "0x7096"}}, "camera": {"serialNumber": serial}}
+    private = {"devices": {"sensor": {"sensorSerial": "0x7096"}}}
     data = samples if isinstance(samples, bytes) else packed(samples, camera.bits)
     sections = [json.dumps(record).encode(), json.dumps(private).encode(), data]
     frame = dict(zip(("metadataRef", "privateMetadataRef", "imageRef"), map(sha1, sections), strict=True))
@@ -210,15 +209,11 @@ def stack_picture(k: int) -> NDArray[np.uint8]:
     return np.stack([40 + 60 * k + y // 2, 60 + x, 200 - 40 * k - x // 2], axis=-1).astype(np.uint8)
 
 
-def write_focal_stack(
-    path: Path, lambdas: tuple[float, ...], depth: NDArray[np.float32], video: bool = False, change=None
-) -> Path:
+def write_focal_stack(path: Path, lambdas: tuple[float, ...], depth: NDArray[np.float32], video: bool = False) -> Path:
     """A file for sharing, as version 1 of Lytro Desktop wrote it (JPEG), or version 2 (`video`, H.264)."""
     sections = [depth.astype("<f4").tobytes()]
     entries = [{"width": 64, "height": 48, "lambda": one, "representation": "jpeg"} for one in lambdas]
     stack = {
-        "defaultLambda": 0,
-        "displayParameters": {"displayDimensions": {"mode": "fixedToValue", "value": {"width": 64, "height": 48}}},
         "depthLut": {
             "width": depth.shape[1], "height": depth.shape[0], "representation": "raw", "imageRef": sha1(sections[0]),
         },
@@ -235,8 +230,6 @@ def write_focal_stack(
             entry["imageRef"] = sha1(sections[-1])
             file.unlink()
         stack["imageArray"] = entries
-    if change is not None:
-        change(stack)
     # The raw image that the file was made from is named, and is not in it.
     frame = {"frame": {"metadataRef": "sha1-ce3f", "privateMetadataRef": "sha1-992a", "imageRef": "sha1-06ae"}}
     acceleration = {"type": "com.lytro.acceleration.refocusStack", "generator": "Lytro", "vendorContent": stack}

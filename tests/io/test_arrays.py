@@ -31,14 +31,14 @@ def test_every_kind_of_file_gives_the_same_views(tmp_path, stored, save):
     assert read.find(tmp_path) == [path]
 
 
-@pytest.mark.parametrize("axes", ["vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "uvhwc", "wuchv"])
+@pytest.mark.parametrize("axes", ["vuhwc", "cvuhw", "hwcvu", "wuchv"])
 def test_usual_orders_of_axes_follow_from_their_lengths_and_others_from_the_option(tmp_path, stored, axes):
     path = save_npy(tmp_path / "a", np.ascontiguousarray(stored.transpose(["vuhwc".index(letter) for letter in axes])))
     said = {} if axes in arrays.ORDERS else {"axes": axes}
     np.testing.assert_array_equal(colours(path, **said), stored.transpose(0, 1, 4, 2, 3))
 
 
-@pytest.mark.parametrize("axes", ["nhwc", "nchw", "hwcn"])
+@pytest.mark.parametrize("axes", ["nhwc", "hwcn"])
 def test_numbered_views_make_a_square_or_the_grid_of_the_option(tmp_path, stored, axes):
     order = ["nhwc".index(letter) for letter in axes]
     square = save_npy(tmp_path / "a", stored[:, :5].reshape(25, 10, 12, 3).transpose(order))
@@ -83,15 +83,13 @@ WHOLE = np.zeros((2, 2, 5, 6, 3))
     [
         (np.zeros((5, 5), np.uint8), {}),
         (np.zeros((3, 3, 3, 3, 3), np.uint8), {}),
-        (np.zeros((7, 9, 8, 6), np.uint8), {}),
         (np.zeros((5, 2, 2, 6, 7), np.uint8), {"axes": "cvuhw"}),
         (np.zeros((30, 50, 60, 3), np.uint8), {"axes": "nhwc"}),
         (WHOLE.astype(np.int32), {}),
-        (WHOLE.astype(bool), {}),
         (WHOLE.astype(object), {}),
         (WHOLE + np.nan, {}),
         (WHOLE + 200.0, {}),
-        *((WHOLE, {"axes": axes}) for axes in ("vuhw", "vuhwcn", "vvhwc", "nuhwc", "xyhwc", "hwc", "vuhcc")),
+        *((WHOLE, {"axes": axes}) for axes in ("vuhw", "vvhwc", "nuhwc", "xyhwc")),
     ],
 )
 def test_what_is_no_light_field_is_one_line(tmp_path, array, options, one_line):
@@ -127,7 +125,7 @@ def test_a_header_that_names_any_size_is_refused(tmp_path):
 def test_every_truncation_is_one_line(tmp_path, stored, save, one_line):
     path = save(tmp_path / "a", stored)
     whole = path.read_bytes()
-    cuts = {0, 1, 7, 8, 16, 100, 130, 600, *range(200, len(whole), 997), len(whole) - 1}
+    cuts = {0, 7, 16, 130, 600, *range(200, len(whole), 1997), len(whole) - 1}
     for cut in sorted(cut for cut in cuts if cut < len(whole)):
         path.write_bytes(whole[:cut])
         try:

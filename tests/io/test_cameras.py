@@ -1,6 +1,5 @@
 """Positions of cameras: read from tables, fitted by a grid, in view steps whichever way and in whichever unit."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -15,52 +14,25 @@ UNEVEN = cameras.even_positions((3, 3)) + 0.1 * np.random.default_rng(0).standar
 ALL = np.ones((3, 3), bool)
 
 
-def table(path: Path, header: str, values: np.ndarray, first: int = 0) -> Path:
-    """A CSV file of positions, its views counted from `first`."""
-    lines = [header]
-    for row, column in np.ndindex(values.shape[:2]):
-        place = f"{row + first},{column + first}" if "row" in header else f"{row * values.shape[1] + column + first}"
-        lines.append(f"{place},{values[row, column, 0]},{values[row, column, 1]}")
+def table(path: Path, values: np.ndarray, first: int = 0) -> Path:
+    """A CSV file of positions, its rows and columns counted from `first`."""
+    lines = ["row, column, v, u"]
+    for (row, column), (v, u) in zip(np.ndindex(values.shape[:2]), values.reshape(-1, 2), strict=True):
+        lines.append(f"{row + first},{column + first},{v},{u}")
     path.write_text("\n".join(lines) + "\n")
     return path
 
 
-def steps(said: np.ndarray) -> tuple[float, float]:
-    """Mean steps along rows and columns, fitted by numpy's own polynomials."""
-    row, column = np.indices(said.shape[:2])
-    return np.polyfit(row.ravel(), said[..., 0].ravel(), 1)[0], np.polyfit(column.ravel(), said[..., 1].ravel(), 1)[0]
-
-
 @pytest.mark.parametrize("first", [0, 100])
-@pytest.mark.parametrize("header", ["row,column,v,u", "view,v,u", "row, column, v, u"])
-def test_tables_are_read_from_whatever_number_they_begin(tmp_path, header, first):
-    np.testing.assert_allclose(cameras.read_positions(table(tmp_path / "a.csv", header, UNEVEN, first)), UNEVEN)
+def test_tables_are_read_from_whatever_number_they_begin(tmp_path, first):
+    np.testing.assert_allclose(cameras.read_positions(table(tmp_path / "a.csv", UNEVEN, first)), UNEVEN)
 
 
-def test_json_is_an_array_or_a_list_of_records(tmp_path):
-    (tmp_path / "a.json").write_text(json.dumps(UNEVEN.tolist()))
-    np.testing.assert_array_equal(cameras.read_positions(tmp_path / "a.json"), UNEVEN)
-    records = [{"view": n, "v": v, "u": u} for n, (v, u) in enumerate(UNEVEN.reshape(9, 2))]
-    (tmp_path / "a.json").write_text(json.dumps(records[::-1]))
-    np.testing.assert_array_equal(cameras.read_positions(tmp_path / "a.json"), UNEVEN)
+HEADER = b"row,column,v,u\n"
 
 
 @pytest.mark.parametrize(
-    "contents",
-    [
-        b"",
-        b"v,u\n1,2\n",
-        b"row,column,v,u\n0,0,x,1\n",
-        b"row,column,v,u\n0,0,1\n",
-        b"view,v,u\n0,0,0\n1,0,1\n",
-        b"row,column,v,u\n0.5,0,1,1\n",
-        b"[[1, 2]]",
-        b"[[[1, 2, 3]]]",
-        b"{",
-        b"[" * 100000,
-        b'[{"row": 0}]',
-        b"\xff\xfe\x00",
-    ],
+    "contents", [b"", b"v,u\n1,2\n", HEADER + b"0,0,x,1\n", HEADER + b"0,0,1\n", HEADER + b"0,0,1,\0\n", b"\xff\xfe\0"]
 )
 def test_what_is_no_table_of_positions_is_one_line(tmp_path, contents, one_line):
     (tmp_path / "a.csv").write_bytes(contents)
@@ -69,7 +41,7 @@ def test_what_is_no_table_of_positions_is_one_line(tmp_path, contents, one_line)
     one_line(caught.value, tmp_path / "a.csv")
 
 
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     scale=st.floats(1e-3, 1e3),
     signs=st.tuples(st.sampled_from([-1, 1]), st.sampled_from([-1, 1])),
@@ -79,7 +51,6 @@ def test_unit_direction_and_origin_change_nothing(scale, signs, shift):
     expected = cameras.normalised(UNEVEN, ALL, "a")
     said = UNEVEN * scale * np.array(signs) + np.array(shift)
     np.testing.assert_allclose(cameras.normalised(said, ALL, "a"), expected, atol=1e-6)
-    assert np.mean(steps(expected)) == pytest.approx(1)
     np.testing.assert_allclose(expected.mean(axis=(0, 1)), 0, atol=1e-12)
 
 
@@ -112,7 +83,7 @@ def test_positions_that_lack_a_view_or_run_across_the_grid_are_refused(said):
 
 def test_a_reader_takes_positions_of_the_views_that_it_keeps(view_folder, tmp_path):
     folder = view_folder({(row, column): f"a_{row}_{column}.png" for row in range(3) for column in range(3)})
-    path = table(tmp_path / "a.csv", "row,column,v,u", 31 * UNEVEN)
+    path = table(tmp_path / "a.csv", 31 * UNEVEN)
     field = read.read(folder, positions=path)
     np.testing.assert_allclose(field.positions.numpy(), cameras.normalised(UNEVEN, ALL, "a"))
     window = read.read(folder, positions=path, angular_size=2, start=1).positions.numpy()
@@ -124,7 +95,7 @@ def test_a_reader_takes_positions_of_the_views_that_it_keeps(view_folder, tmp_pa
 def test_positions_of_a_transposed_grid_are_in_the_order_of_its_views(view_folder, tmp_path):
     # Files count down the columns; v and u in the table are those of the cameras.
     folder = view_folder({(row, column): f"a_{column}_{row}.png" for row in range(3) for column in range(3)})
-    path = table(tmp_path / "a.csv", "row,column,v,u", 31 * UNEVEN.swapaxes(0, 1))
+    path = table(tmp_path / "a.csv", 31 * UNEVEN.swapaxes(0, 1))
     positions = read.read(folder, positions=path, transpose=True).positions.numpy()
     np.testing.assert_allclose(positions, cameras.normalised(UNEVEN, ALL, "a"))
 
@@ -150,7 +121,7 @@ def test_a_reader_takes_positions_of_names(view_folder):
 @pytest.mark.parametrize("options", [{"spacing": (1, 0)}, {"positions": "names"}, {"positions": "small.csv"}])
 def test_options_that_do_not_fit_are_refused(view_folder, tmp_path, monkeypatch, options):
     monkeypatch.chdir(tmp_path)
-    table(tmp_path / "small.csv", "row,column,v,u", UNEVEN[:2, :2])
+    table(tmp_path / "small.csv", UNEVEN[:2, :2])
     folder = view_folder({(row, column): f"a_{row}_{column}.png" for row in range(3) for column in range(3)})
     with pytest.raises(LfrefError):
         read.read(folder, **options)

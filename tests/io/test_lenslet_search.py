@@ -14,7 +14,6 @@ from tests.io.lenslet_drawing import made, white_image
 PATH = Path("white.png")
 LATTICES = {
     "square": made(),
-    "level": made(rotation=0.0),
     "fine": made(5.07, -2.0, offset=(2.2, 1.1)),
     "Lytro": made(9.93, 0.1, is_hexagonal=True),
     "hexagonal": made(is_hexagonal=True),
@@ -50,22 +49,11 @@ def test_a_skewed_lattice_is_found_as_it_is():
     np.testing.assert_allclose((found.rows, found.columns), (truth.rows, truth.columns), atol=1e-3)
 
 
-def noise(size):
-    return np.random.default_rng(0).random(size)
-
-
-def picture(size):
-    y, x = np.mgrid[: size[0], : size[1]]
-    return np.sin(x / 9 + np.sin(y / 31)) + 0.01 * y + noise(size)
-
-
-@pytest.mark.parametrize(
-    ("make", "size"),
-    [(noise, (300, 400)), (picture, (300, 400)), (np.zeros, (300, 400)), (noise, (9, 9)), (noise, (1, 40))],
-)
-def test_what_shows_no_lattice_is_refused(make, size):
-    with pytest.raises(FileError):
-        lenslet_search.lattice_of(make(size), PATH)
+@pytest.mark.parametrize("size", [(300, 400), (9, 9), (1, 40)])
+def test_what_shows_no_lattice_is_refused(size):
+    for white in (np.zeros(size), np.random.default_rng(0).random(size)):
+        with pytest.raises(FileError):
+            lenslet_search.lattice_of(white, PATH)
 
 
 def crests(*waves, size=(240, 260), noise=0.0, bend=0.0):
@@ -98,11 +86,6 @@ CROSSED = (3, 10, 1), (93, 10, 1)
 def test_a_lattice_is_found_up_to_a_limit_and_none_beyond_it(options, worse):
     assert pitch_of(*CROSSED, **options) == 10
     assert pitch_of(*CROSSED, **worse) is None
-
-
-def test_long_waves_count_if_they_are_strong():
-    assert pitch_of(*CROSSED, (3, 17.3, 0.18), (93, 17.3, 0.18)) == 10
-    assert pitch_of(*CROSSED, (3, 17.3, 0.35), (93, 17.3, 0.35)) == 17
 
 
 def test_hexagonal_rows_may_be_turned_by_half_of_the_way_to_the_next_ones():

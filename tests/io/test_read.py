@@ -1,18 +1,12 @@
-"""Reading light fields, whatever their format; one entry makes a format."""
-
-import inspect
+"""Reading light fields, whatever their format."""
 
 import numpy as np
 import pytest
 import torch
 
-from lfref import encoding
 from lfref.errors import FileError, InputError
 from lfref.geometry import planes_at_alphas
 from lfref.io import images, read, write
-from lfref.io.lenslet_lattice import upright
-from lfref.io.samples import Samples
-from tests.io.lenslet_drawing import lenslet_image
 
 
 def test_the_real_capture_is_9x9_views(lytro):
@@ -48,32 +42,6 @@ def test_views_numbered_down_the_columns_are_read_with_the_grid_of_the_light_fie
     torch.testing.assert_close(views, field.views, rtol=0, atol=1e-5)
 
 
-FOREIGN = {
-    "folder": {"lenslet": 15, "pitch": 14.3, "lattice": "square", "calibration": "w.png", "axes": "vuhwc"},
-    "eslf": {"pattern": "index", "grid": (3, 4), "holes": True, "variable": "LF"},
-    "exr": {"pattern": "index", "grid": (3, 4), "lenslet": 15, "calibration": "w.png", "axes": "vuhwc"},
-    "array": {"pattern": "index", "holes": False, "lenslet": 15, "pitch": 14.3},
-}
-"""Format -> options of `read` that concern others."""
-
-
-@pytest.mark.parametrize("form", FOREIGN)
-def test_options_that_concern_other_formats_are_refused_and_defaults_are_not(tmp_path, make_field, form):
-    field, path = make_field((3, 4)), tmp_path / "a.npy"
-    if form == "array":
-        np.save(path, field.views.permute(0, 1, 3, 4, 2).numpy())
-    elif form == "eslf":
-        image = lenslet_image(upright((14.0, 14.0), (6.5, 6.5)), (280, 280))
-        images.write_image(path := tmp_path / "a.png", image[..., None])
-    else:
-        path = write.write(tmp_path / {"folder": "a", "exr": "a.exr"}[form], field)
-    for name, value in FOREIGN[form].items():
-        with pytest.raises(InputError):
-            read.read(path, **{name: value})
-    usual = {name: one.default for name, one in inspect.signature(read.read).parameters.items() if name != "path"}
-    assert read.read(path, **usual).metadata["format"] == form
-
-
 def test_metadata_name_the_size_before_a_crop(tmp_path, make_field):
     path = write.write(tmp_path / "a", make_field((2, 2)))
     height, width = read.read(path).size
@@ -95,25 +63,9 @@ def test_find_gives_the_light_fields_of_a_folder_and_nothing_else(tmp_path, make
     images.write_image(tmp_path / "a_eslf.png", np.zeros((28, 28, 3)))
     write.write_stack(tmp_path / "stack.exr", torch.zeros(1, 3, 2, 2), planes_at_alphas((0.5,)))
     (tmp_path / ".half.png").write_text("x")
+    (tmp_path / "d.png").write_text("no picture")
+    with pytest.raises(FileError):
+        read.read(tmp_path / "d.png")
+    (tmp_path / "d.png").unlink()
     (tmp_path / "empty").mkdir()
     assert read.find(tmp_path) == [tmp_path / "a_eslf.png", *expected]
-
-
-@pytest.mark.parametrize("head", [b"", b"hello", b"#?RADIANCE", b"7z\xbc\xaf\x27\x1crest", b"\x1f\x8brest"])
-def test_what_is_no_light_field_is_one_line(tmp_path, one_line, head):
-    (tmp_path / "a.png").write_bytes(head)
-    with pytest.raises(FileError) as caught:
-        read.read(tmp_path / "a.png")
-    one_line(caught.value, tmp_path / "a.png")
-
-
-def test_one_entry_is_enough_for_a_format(tmp_path, monkeypatch):
-    def read_views(path, options):
-        return Samples(np.full((*(options.angular_size or (1, 1)), 3, 2, 2), 255, np.uint8), None, encoding.SRGB)
-
-    new = read.Format("new", "a new file", (b"NEW!",), (".new",), read_views)
-    monkeypatch.setattr(read, "FORMATS", (*read.FORMATS, new))
-    (tmp_path / "a.new").write_bytes(b"NEW! and more")
-    assert read.find(tmp_path) == [tmp_path / "a.new"]
-    field = read.read(tmp_path / "a.new", angular_size=3)
-    assert (field.grid, field.metadata["format"], float(field.views.min())) == ((3, 3), "new", 1)

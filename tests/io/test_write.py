@@ -25,7 +25,7 @@ def assert_same(one: LightField, other: LightField) -> None:
         torch.testing.assert_close(one.weight, other.weight, rtol=0, atol=0)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     suffix_and_bits=st.sampled_from([("", 8), ("", 16), (".exr", None)]),
     grid=st.tuples(*[st.integers(1, 3)] * 2),
@@ -67,7 +67,6 @@ VIEWS = torch.rand(2, 2, 3, 4, 5)
     [
         ("a.png", LightField(VIEWS)),
         ("a", LightField(VIEWS * torch.nan)),
-        ("a.exr", LightField(VIEWS * torch.nan)),
         ("a", LightField(VIEWS[:, :, :2])),
         ("a.exr", LightField(VIEWS, positions=torch.rand(2, 2, 2))),
     ],
