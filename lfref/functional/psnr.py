@@ -13,8 +13,7 @@ from lfref.errors import InputError
 
 CEILING_DB = 100.0
 """Largest PSNR that is returned, in dB; identical images have an infinite PSNR."""
-_FLOOR = 10 ** (-CEILING_DB / 10)
-_JOIN = math.exp(-2)
+_FLOOR, _JOIN = 10 ** (-CEILING_DB / 10), math.exp(-2)
 _K = math.log(10) / 10
 
 
@@ -42,27 +41,25 @@ def psnr(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
         >>> psnr(torch.full((3, 8, 8), 0.6), torch.full((3, 8, 8), 0.5))
         tensor(20.0000)
     """
-    m = normalised_mse(prediction, target, data_range)
+    m = _normalised_mse(prediction, target, data_range)
     return (-10 * m.clamp(min=_FLOOR).log10()).to(working_type(prediction, target))
 
 
-def inverse_psnr(prediction: Tensor, target: Tensor, data_range: float = 1.0, floor: float = 1e-10) -> Tensor:
+def inverse_psnr(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
     """1 / PSNR of each image in 1/dB, [...], the paper's psi_2, continued to where PSNR is infinite or not above 0."""
-    m = normalised_mse(prediction, target, data_range)
-    return inverse_psnr_of_mse(m, floor).to(working_type(prediction, target))
+    m = _normalised_mse(prediction, target, data_range)
+    return inverse_psnr_of_mse(m).to(working_type(prediction, target))
 
 
-def inverse_psnr_of_mse(m: Tensor, floor: float = 1e-10) -> Tensor:
-    """1 / PSNR as a function of the normalised mean squared error: -K / ln m between floor and e^-2, K = ln(10)/10.
+def inverse_psnr_of_mse(m: Tensor) -> Tensor:
+    """1 / PSNR as a function of the normalised mean squared error: -K / ln m from 1e-10 to e^-2, K = ln(10)/10.
 
-    Outside, the tangent at the nearer end continues it: once differentiable at the floor, twice at e^-2 (8.69 dB),
-    where -K / ln m has its inflection. Positive and strictly increasing for every m >= 0; float64 keeps it exact.
+    Outside, the tangent at the nearer end continues it: once differentiable at 1e-10, twice at e^-2 (8.69 dB), where
+    -K / ln m has its inflection. Positive and strictly increasing for every m >= 0; float64 keeps it exact.
     """
-    if not 0 < floor < _JOIN:
-        raise InputError(f"floor must lie between 0 and e^-2 = {_JOIN:.4g}", got=floor, remedy="1e-10 is 100 dB")
     # `relu`, not `where`: its gradient at 0 is 0, and only finite numbers are ever multiplied by 0.
-    below, above = (floor - m).relu(), (m - _JOIN).relu()
-    return -_K / m.clamp(floor, _JOIN).log() - _tangent(floor) * below + _tangent(_JOIN) * above
+    below, above = (_FLOOR - m).relu(), (m - _JOIN).relu()
+    return -_K / m.clamp(_FLOOR, _JOIN).log() - _tangent(_FLOOR) * below + _tangent(_JOIN) * above
 
 
 def _tangent(m: float) -> float:
@@ -70,7 +67,7 @@ def _tangent(m: float) -> float:
     return _K / (m * math.log(m) ** 2)
 
 
-def normalised_mse(prediction: Tensor, target: Tensor, data_range: float = 1.0) -> Tensor:
+def _normalised_mse(prediction: Tensor, target: Tensor, data_range: float) -> Tensor:
     """Mean squared error of each image over the squared data range, float64, [...]."""
     check_data_range(data_range)
     return mse(prediction, target) / data_range**2

@@ -112,11 +112,14 @@ def _compiled(x: Tensor, y: Tensor, C1: float, C2: float, for_x: bool, for_y: bo
     """Values and gradients together: a separate backward pass would compute the values once more."""
     results = _empty_results(x, y, C1, C2, for_x, for_y)
     pair = [planes.contiguous().numpy() for planes in (x, y)]
-    tables, (values, *gradients) = tables_of(x.shape[1], x.shape[2], C1, C2), [result.numpy() for result in results]
+    values, *gradients = (result.numpy() for result in results)
+    mean, adjoint = (np.ascontiguousarray(weights.T) for weights in bands(x.shape[2]))
+    tables = Tables(bands(x.shape[1]), mean, adjoint, C1, C2)
+    centres = torch.stack([planes.mean((1, 2), dtype=torch.float64) for planes in (x, y)], 1).numpy()
 
     def work(first: int, last: int) -> None:
-        x_part, y_part, *outputs = (array[first:last] for array in (*pair, values, *gradients))
-        set_values_and_gradients(x_part, y_part, tables, *outputs)
+        x_part, y_part, *others = (array[first:last] for array in (*pair, centres, values, *gradients))
+        set_values_and_gradients(x_part, y_part, tables, *others)
 
     # A thread computes whole planes, so the number of threads changes no digit. One more pays from 2^17 pixels on.
     n_threads = min(loops.worthwhile(x.numel(), 1 << 17), max(len(x), 1))
@@ -212,20 +215,16 @@ def bands(n: int) -> Bands:
     return Bands(diagonals[0], diagonals[1])
 
 
-def tables_of(height: int, width: int, C1: float, C2: float) -> Tables:
-    """The tables for planes of one size."""
-    across = bands(width)
-    return Tables(bands(height), np.ascontiguousarray(across.mean.T), np.ascontiguousarray(across.adjoint.T), C1, C2)
-
-
 @compiled
-def set_values_and_gradients(x: Reals, y: Reals, tables: Tables, values: Reals, g_x: Reals, g_y: Reals) -> None:
+def set_values_and_gradients(
+    x: Reals, y: Reals, tables: Tables, means_of_planes: Reals, values: Reals, g_x: Reals, g_y: Reals
+) -> None:
     """Fill `values` with 1 - SSIM of each plane, and `g_x`, `g_y` [P, H, W] with gradients ([P, 0, 0]: not needed)."""
     _, height, width = x.shape
     has_gradients = g_x.size + g_y.size > 0
     means, slopes = _workspace(width), _workspace(width)
     for p in range(len(x)):
-        centres, total = (_mean(x[p]), _mean(y[p])), np.zeros(width)
+        centres, total = (means_of_planes[p, 0], means_of_planes[p, 1]), np.zeros(width)
         means.ring[:], slopes.ring[:] = 0, 0
         # Three rows are at work: row i enters, row `middle` has all its neighbours and is compared, and row `last` has
         # the derivatives of all its neighbours and gets its gradient.
@@ -250,16 +249,6 @@ def set_values_and_gradients(x: Reals, y: Reals, tables: Tables, values: Reals, 
 @compiled
 def _workspace(width: int) -> Workspace:
     return Workspace(np.zeros((4, width + 2 * RADIUS)), np.zeros((TAPS, 4, width)), np.empty((4, width)))
-
-
-@compiled
-def _mean(plane: Reals) -> float:
-    """Mean of a plane; one sum per column is faster and loses less to rounding."""
-    total = np.zeros(plane.shape[1])
-    for row in plane:
-        for j in range(len(row)):
-            total[j] += row[j]
-    return total.sum() / plane.size
 
 
 @compiled

@@ -4,8 +4,9 @@ refiners, the share of each picture's error that remains after the correction.
 Source: the paper's Eq. for L, with its psi_1 and psi_2 multiplied out,
 L = MSE + beta (1 - SSIM) / 2 + (1 - beta) L1 + gamma / PSNR, computed for each refocused image, then averaged.
 Refiners have a loss of their own (`RelativeError`), because errors of scenes differ by a factor of a thousand. It
-divides the error after the correction by the error before, so that each picture counts alike; by default it averages
-the logarithm, as the mean of PSNR does. Only pixels with an error scale above 0 count, since no other may be corrected.
+divides the root of the mean squared error after the correction by that before, so that each picture counts alike, and
+averages the logarithm, as the mean of PSNR does. Only pixels with an error scale above 0 count, since no other may be
+corrected.
 Letters: `C H W` channel, pixel row and column.
 """
 
@@ -17,7 +18,7 @@ from types import MappingProxyType
 import torch
 from torch import Tensor, nn
 
-from lfref.errors import InputError, chosen
+from lfref.errors import InputError
 from lfref.functional.psnr import image_pair, inverse_psnr, inverse_psnr_of_mse, mse, working_type
 from lfref.functional.ssim import one_minus_ssim
 
@@ -119,28 +120,9 @@ def _checked_weights(weights: Mapping[str, float], terms: Mapping[str, Term]) ->
 LEAST_ERROR = 1e-5
 """Error in light that is added before the division; it equals 100 dB, beyond which pictures need not improve."""
 
-POWERS: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
-    "l1": lambda error, share: (share * error.abs()).sum((-3, -2, -1)),
-    "l2": lambda error, share: ((share * error.square()).sum((-3, -2, -1)) + 1e-12).sqrt(),
-}
-"""(error, share of each sample in the mean) -> error of each picture: [..., C, H, W] twice -> [...]."""
-
-MEANS: dict[str, Callable[[Tensor], Tensor]] = {
-    "ratio": torch.mean,
-    "log": lambda left: left.log().mean(),
-}
-"""Mean over the pictures of the shares that remain."""
-
 
 class RelativeError(nn.Module):
-    """Refined pictures, truth, pictures and error scale -> share of the error that remains.
-
-    Args:
-        power: A key of `POWERS`.
-        mean: A key of `MEANS`.
-
-    Raises:
-        InputError: An unknown key.
+    """Refined pictures, truth, pictures and error scale -> mean logarithm of the share of the error that remains.
 
     Example:
         >>> pictures, truth = torch.rand(2, 3, 16, 16), torch.rand(2, 3, 16, 16)
@@ -148,14 +130,10 @@ class RelativeError(nn.Module):
         tensor(0.)
     """
 
-    def __init__(self, power: str = "l2", mean: str = "log") -> None:
-        super().__init__()
-        self.power = chosen("power", power, POWERS)
-        self.mean = chosen("mean", mean, MEANS)
-
     def forward(self, refined: Tensor, truth: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
-        """The share that remains, a scalar; images [..., C, H, W], the error scale [..., 1, H, W]."""
+        """The mean over the pictures, a scalar; images [..., C, H, W], the error scale [..., 1, H, W]."""
         counts = (error_scale > 0).to(truth).expand_as(truth)
         share = counts / counts.sum((-3, -2, -1), keepdim=True).clamp(min=1)
-        after, before = (self.power(images - truth, share) + LEAST_ERROR for images in (refined, pictures))
-        return self.mean(after / before)
+        squares = ((share * (images - truth).square()).sum((-3, -2, -1)) for images in (refined, pictures))
+        after, before = ((square + 1e-12).sqrt() + LEAST_ERROR for square in squares)
+        return (after / before).log().mean()

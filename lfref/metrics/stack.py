@@ -47,18 +47,14 @@ class StackQuality(Metric):
 
     def compute(self) -> Tensor:
         """Mean over the stacks and the planes, a float64 scalar; NaN before the first update."""
-        return self._plane_means().mean()
+        return (self.total / self.count).mean()
 
     def per_plane(self) -> Tensor:
         """Mean over the stacks of every process, one value per plane, float64, [N]."""
         with self.sync_context(
             dist_sync_fn=self.dist_sync_fn, should_sync=self._to_sync, should_unsync=self._should_unsync
         ):
-            return self._plane_means()
-
-    def _plane_means(self) -> Tensor:
-        """Mean over the stacks in the present state, [N]."""
-        return self.total / self.count
+            return self.total / self.count
 
 
 class MSSIM(StackQuality):

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from lfref.errors import InputError, chosen
+from lfref.errors import chosen
 
 ACTIVATIONS: dict[str, Callable[[], nn.Module]] = {
     "softplus": nn.Softplus,
@@ -82,8 +82,6 @@ class StemConv2d(nn.Conv2d):
     """
 
     def __init__(self, samples: int, filters: int, kernel: int, colours: int = 1, inner: int = 1) -> None:
-        if filters % colours:
-            raise InputError(f"filters of {colours} colours must be a multiple of that", got=filters)
         super().__init__(samples // colours, filters // colours, kernel, padding=kernel // 2)
         self.colours, self.inner = colours, inner
 

@@ -13,7 +13,6 @@ Neural Network", 2016 (the grid); Lim et al., "Enhanced Deep Residual Networks",
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -70,24 +69,14 @@ class Refiner(nn.Module):
         kernel: int = 3,
         activation: str = "silu",
     ) -> None:
+        self.config = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
         super().__init__()
-        self.config: dict[str, Any] = {
-            "n_features": n_features,
-            "n_candidates": n_candidates,
-            "channels": channels,
-            "width": width,
-            "n_blocks": n_blocks,
-            "shuffle": shuffle,
-            "kernel": kernel,
-            "activation": activation,
-        }
         sizes = n_candidates, channels, width, shuffle, kernel
         if min(sizes) < 1 or n_candidates * channels > n_features or kernel % 2 == 0:
             expected = "a refiner's sizes must be at least 1, its candidates among the features, its kernel odd"
             raise InputError(expected, got=self.config)
         make = chosen("activation", activation, ACTIVATIONS)
-        self.n_candidates = n_candidates
-        self.shuffle = shuffle
+        self.n_features, self.n_candidates, self.shuffle = n_features, n_candidates, shuffle
         self.stem = nn.Conv2d(n_features, width, 3 * shuffle, stride=shuffle, padding=shuffle)
         self.blocks = nn.Sequential(*(RefinerBlock(width, kernel, make) for _ in range(n_blocks)))
         last = nn.Conv2d(width, (n_candidates + 1) * shuffle**2, 3, padding=1)
@@ -96,16 +85,6 @@ class Refiner(nn.Module):
         self.head = nn.Sequential(make(), last)
         # Convolutions on CPUs and tensor cores read this order fastest; feature maps follow the weights.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-
-    @property
-    def n_features(self) -> int:
-        """Channels of the features."""
-        return int(self.config["n_features"])
-
-    @property
-    def like(self) -> Tensor:
-        """A tensor of the network's type, on its device."""
-        return next(self.parameters())
 
     def forward(self, features: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
         """Correct pictures [..., N, C, H, W] by features [..., N, K, H, W], candidates first, and their error scale

@@ -12,7 +12,6 @@ Sources: Hedayati, Havens, Bos, "Machine Learning Method for Light Field Refocus
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -92,32 +91,24 @@ class RefNet(Network):
         padding: str = RENORMALIZE,
         initialization: str = LINEAR,
     ) -> None:
+        config = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
         super().__init__()
-        schedule = stretched(widths, len(widths) if n_blocks is None else n_blocks)
-        dilations = stretched([dilation] if isinstance(dilation, int) else dilation, len(schedule))
-        sizes = n_planes, *grid, channels, stem_width, shuffle, *dilations, stem_kernel, head_kernel, kernel
+        n_blocks = len(widths) if n_blocks is None else n_blocks
+        steps = [dilation] if isinstance(dilation, int) else dilation
+        sizes = n_planes, *grid, channels, stem_width, shuffle, stem_kernel, head_kernel, kernel, *steps, n_blocks
+        sizes = *sizes, len(widths), len(steps)
         if len(grid) != 2 or min(sizes) < 1 or stem_kernel * head_kernel * kernel % 2 == 0:
             raise InputError("sizes of a network must be positive, and its kernels odd", got=sizes)
         if padding not in PADDINGS or initialization not in INITIALIZATIONS:
             expected = f"padding must be {' or '.join(PADDINGS)}, initialization {' or '.join(INITIALIZATIONS)}"
             raise InputError(expected, got=f"{padding} and {initialization}")
-        self.config: dict[str, Any] = {
-            "n_planes": n_planes,
+        schedule = stretched(widths, n_blocks)
+        dilations = stretched(steps, n_blocks)
+        del config["n_blocks"]
+        self.config = config | {
             "grid": list(grid),
-            "channels": channels,
-            "activation": activation,
-            "normalization": normalization,
             "widths": schedule,
-            "style": style,
-            "stem_width": stem_width,
-            "stem_kernel": stem_kernel,
-            "stem_by_colour": stem_by_colour,
-            "head_kernel": head_kernel,
-            "shuffle": shuffle,
-            "kernel": kernel,
             "dilation": dilation if isinstance(dilation, int) else dilations,
-            "padding": padding,
-            "initialization": initialization,
         }
         self.n_planes = n_planes
         self.grid = (grid[0], grid[1])
@@ -239,6 +230,4 @@ class RefNet(Network):
 
 def stretched(widths: Sequence[int], n_blocks: int) -> list[int]:
     """A schedule of widths resampled to another number of blocks; each block takes the nearest original width."""
-    if len(widths) == 0 or n_blocks < 1:
-        raise InputError("RefNet needs at least one block and one width", got=f"{n_blocks} and {list(widths)}")
     return [int(widths[(2 * i + 1) * len(widths) // (2 * n_blocks)]) for i in range(n_blocks)]

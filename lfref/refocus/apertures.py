@@ -8,14 +8,12 @@ aperture beyond the grid are lost. Sizes that are not finite or not above 0 are 
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.io import images
 from lfref.refocus import batches
 
 
@@ -62,28 +60,6 @@ def mask(grid: Sequence[int], rows: Sequence[Sequence[float]] | Tensor) -> Tenso
     """Any aperture: the weight of each view, finite, >= 0 and not all zero, one list for each view row, [V, U]."""
     weights = torch.as_tensor(rows, dtype=torch.float64, device="cpu")
     batches.checked_weights(weights, (grid[0], grid[1]))
-    return weights
-
-
-def picture(grid: Sequence[int], path: str | Path) -> Tensor:
-    """The aperture that an image file shows: white is open, black and transparent are closed, grey is a share.
-
-    The whole picture fits into the grid, in the middle. Each view counts by the mean of its cell.
-    """
-    samples = images.to_float(images.read_image(path))
-    open_ = samples[..., :3].mean(-1) if samples.shape[-1] > 2 else samples[..., 0]
-    if samples.shape[-1] in (2, 4):
-        open_ = open_ * samples[..., -1]
-    shares = torch.from_numpy(open_).double().clamp(0, 1)
-    scale = min(n_views / length for n_views, length in zip(grid, shares.shape, strict=True))  # view steps a pixel
-    pixels = [scale * _edges(length) for length in shares.shape]
-    rows, columns = (
-        geometry.overlap(edges[:-1], edges[1:], _edges(n_views)) for edges, n_views in zip(pixels, grid, strict=True)
-    )
-    weights = rows.T @ shares @ columns
-    if not bool((weights > 0).any()):
-        remedy = "white is open, black and transparent are closed"
-        raise InputError("the picture of an aperture must be open somewhere", got=f"{path}, black", remedy=remedy)
     return weights
 
 

@@ -14,7 +14,7 @@ the conjugate of g of the opposite one. With g = alpha + i beta for the views on
 pair p reads `2 cos(2 pi d p q)` and `2 sin(2 pi d p q)` of light at disparity d.
 Letters: `n` plane, `d` disparity in pixels per view step, `i j` view, `p` view pair, by its offset from the centre, `k`
 frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope, `t` tap; `N D K I T` numbers of these, `B` number of
-priors. `wiener_filters` solves for the views of both axes together: for more unknowns, at more frequencies.
+priors. `joint_wiener` solves for the views of both axes together: for more unknowns, at more frequencies.
 """
 
 from collections.abc import Callable
@@ -68,14 +68,10 @@ class AxisEquations(NamedTuple):
     """S, summed over the folds, [K]."""
 
 
-def pair_offsets(n_views: int) -> Tensor:
-    """Offsets of the views on one side of the centre, from the inner one, in view steps, float64, [I // 2]."""
-    return geometry.angular_offsets(n_views)[(n_views + 1) // 2 :]
-
-
 def readings(turns: Tensor, n_views: int) -> Tensor:
     """What the views read of light at `d q` = turns [...]: cosines and sines of pairs, the central view; [..., I]."""
-    angles = 2 * torch.pi * turns[..., None] * pair_offsets(n_views)
+    of_one_side = geometry.angular_offsets(n_views)[(n_views + 1) // 2 :]
+    angles = 2 * torch.pi * turns[..., None] * of_one_side
     central = [torch.ones_like(turns)[..., None]] if n_views % 2 else []
     return torch.cat([2 * angles.cos(), 2 * angles.sin(), *central], -1)
 

@@ -7,7 +7,7 @@ a line of its own.
 Letters: `v u` camera position downwards and to the right, in view steps; `R` lines, `M` views of each.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -42,7 +42,7 @@ def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     """Weights of views, [V, U], scaled to a sum of 1, float64, CPU; None weighs all views alike."""
     if weights is None:
         return torch.full(tuple(grid), 1 / (grid[0] * grid[1]), dtype=torch.float64)
-    values = _as_numbers(weights)
+    values = torch.as_tensor(weights, dtype=torch.float64, device="cpu").detach()
     is_usable = bool(values.isfinite().all()) and bool((values >= 0).all()) and float(values.sum()) > 0
     if tuple(values.shape) != tuple(grid) or not is_usable:
         expected = f"weights must be finite, >= 0 and not all zero, one for each view, {list(grid)}"
@@ -67,11 +67,6 @@ def symmetric_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
 def is_symmetric(weights: Tensor) -> bool:
     """Whether weights [V, U] are symmetric about both axes."""
     return all(torch.allclose(weights, weights.flip(axis)) for axis in (0, 1))
-
-
-def _as_numbers(values: Any) -> Tensor:
-    """A table of numbers as float64 on the CPU, without gradients."""
-    return torch.as_tensor(values, dtype=torch.float64, device="cpu").detach()
 
 
 def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
@@ -181,7 +176,7 @@ def even(grid: tuple[int, int]) -> Tensor:
 
 def checked_positions(positions: Tensor, grid: tuple[int, int]) -> Tensor:
     """The positions as float64 on the CPU, [V, U, 2]."""
-    values = _as_numbers(positions)
+    values = torch.as_tensor(positions, dtype=torch.float64, device="cpu").detach()
     if tuple(values.shape) != (*grid, 2) or not bool(values.isfinite().all()):
         expected = f"positions must be finite, (v, u) of each view in view steps, {[*grid, 2]}"
         raise InputError(expected, got=f"shape {list(values.shape)}")

@@ -86,21 +86,13 @@ class Items(NamedTuple):
     """Taps, [terms, M, U, T]."""
 
 
-class BlockPictures(NamedTuple):
-    """Pictures by the filters of blocks."""
-
-    stack: Tensor
-    """0 where no plane is near, [N, C, H, W]."""
-    nearness: Tensor
-    """0 where no plane is near, 1 where it is, [N, 1, H, W]."""
-
-
 def refocus_by_blocks(
     field: Tensor, planes: Tensor, disparity: Tensor, prior: Energies, aperture: Tensor, noise: float = 0.0
-) -> BlockPictures:
+) -> tuple[Tensor, Tensor]:
     """A light field [V, U, C, H, W] refocused at planes [N] near its disparities [H, W] by the filters of blocks.
 
     `prior` holds the disparities of the whole field; the aperture [V, U], of sum 1, is symmetric about both axes.
+    Returns the stack, [N, C, H, W], and how near each plane is to a block, 0 where the stack is black, [N, 1, H, W].
     """
     spectrum = SPECTRUM._replace(noise=noise)
     n_channels, (height, width) = field.shape[2], field.shape[-2:]
@@ -147,7 +139,7 @@ def refocus_by_blocks(
     stack = grid.reshape(len(pictures), n_channels, BLOCK * counts[0], BLOCK * counts[1])[..., :height, :width]
     spread = nearness.to(field).unflatten(1, counts)[:, None]
     spread = spread.repeat_interleave(BLOCK, 2).repeat_interleave(BLOCK, 3)[..., :height, :width]
-    return BlockPictures(stack, spread)
+    return stack, spread
 
 
 def _taps(filters: Tensor, centres: Tensor) -> Tensor:
@@ -213,12 +205,8 @@ def filtered(field: Tensor, items: Items) -> Tensor:
 
     Beyond the border, the outermost pixels are repeated.
     """
-    if batches.is_compiled(field):
-        return _by_loop(field, items)
-    return _by_torch(field, items)
-
-
-def _by_loop(field: Tensor, items: Items) -> Tensor:
+    if not batches.is_compiled(field):
+        return _by_torch(field, items)
     views = field.contiguous().numpy()
     n_items = len(items.corners)
     result = np.zeros((n_items, field.shape[2], BLOCK, BLOCK), views.dtype)
@@ -232,7 +220,7 @@ def _by_loop(field: Tensor, items: Items) -> Tensor:
 
 
 def _by_torch(field: Tensor, items: Items) -> Tensor:
-    """`_by_loop` in PyTorch: it has derivatives, and runs on a GPU."""
+    """As `filtered`, with derivatives, and on a GPU."""
     device, (height, width) = field.device, field.shape[-2:]
     span = torch.arange(BLOCK + SPAN - 1, device=device) - SPAN // 2
     v, u = (torch.arange(n_views, device=device) for n_views in field.shape[:2])

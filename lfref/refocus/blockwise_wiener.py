@@ -6,7 +6,7 @@ disparities of a block tell these apart (`block_filters`). In planes at whole sl
 its pixels, the median of both and of shift-and-sum through cells is the picture: each is wrong somewhere there, seldom
 two together.
 Where views lie far apart, filters of rows and columns confuse light at different disparities. Near focus, those of all
-views together (`wiener`) take their place, and the picture is bounded by what the views show.
+views together (`joint_wiener`) take their place, and the picture is bounded by what the views show.
 Letters: `s` slope, `d` disparity in pixels per view step, `N` planes.
 """
 
@@ -20,10 +20,9 @@ from lfref.refocus import batches, block_filters, separable_wiener
 from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier import disparity_layers
 from lfref.refocus.fourier.disparity_layers import CONFUSABLE, Energies, bounded_by_views
+from lfref.refocus.joint_wiener import prior_of_map, refocus_jointly
 from lfref.refocus.operator import has_traits
 from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
-from lfref.refocus.wiener import refocus_jointly
-from lfref.refocus.wiener_filters import prior_of_map
 
 WHOLE = 0.1
 """Distance of a slope from a whole number within which the median fades in."""
@@ -93,8 +92,8 @@ def blockwise_wiener_parts(
             by_map = prior_of_map(disparity)._replace(noise=max(noise, LEAST_NOISE))
             joint = refocus_jointly(field, planes, by_map, aperture)
             everywhere = everywhere + near * (joint - everywhere)
-        blocks = block_filters.refocus_by_blocks(field, planes, disparity, prior, aperture, noise)
-        stack = everywhere + blocks.nearness * (blocks.stack - everywhere)
+        of_blocks, share = block_filters.refocus_by_blocks(field, planes, disparity, prior, aperture, noise)
+        stack = everywhere + share * (of_blocks - everywhere)
         stack = _median_at_whole_slopes(stack, everywhere, field, planes, aperture)
         if is_wide:
             stack = stack + near * (bounded_by_views(stack, field, planes, energies, aperture) - stack)

@@ -1,8 +1,8 @@
 """Separable Wiener refocusing: the photograph of a whole aperture, by one filter for each view row and view column.
 
-`wiener` solves for filters of all views together. Here each axis has its own (`axis_filters`), and their products serve
-the views: the sum is that of exact refocusing, `filter_and_sum`, with other factors. The filters are solved for the
-energies of the disparities (`estimate_energies`) and the noise (`noise_share`) that are found in the views.
+`joint_wiener` solves for filters of all views together. Here each axis has its own (`axis_filters`), and their products
+serve the views: the sum is that of exact refocusing, `filter_and_sum`, with other factors. The filters are solved for
+the energies of the disparities (`estimate_energies`) and the noise (`noise_share`) that are found in the views.
 An aperture that is no product of a row and a column, such as a disc, is a sum of few such products.
 Letters: `N` planes, `V U` view rows and columns, `D` disparities, `s` slope, `d` disparity in pixels per view step.
 """
@@ -22,7 +22,6 @@ from lfref.refocus.axis_filters import AxisSpectrum
 from lfref.refocus.fourier import disparity_layers, layer_mixing
 from lfref.refocus.fourier.disparity_layers import Energies, bounded_by_views
 from lfref.refocus.fourier.exact import filter_and_sum
-from lfref.refocus.fourier.layer_mixing import Frame
 from lfref.refocus.operator import has_traits
 
 SPECTRUM = AxisSpectrum(aliased=0.3, unexplained=0.002)
@@ -118,7 +117,7 @@ def refocus_by_rows_and_columns(
             factors.append(axis_filters.kernels(filters, torch.zeros(n_views), 2 * reach))
         rows, columns = (_centred(taps, n) for taps, n in zip(factors, frame.period, strict=True))
         periods = filter_and_sum(field[None], torch.fft.fft(rows), torch.fft.rfft(columns), even, frame.extend)[0]
-        stack = stack + _inside(periods, frame)
+        stack = stack + frame.within(periods)
     return stack
 
 
@@ -169,8 +168,3 @@ def _centred(taps: Tensor, period: int) -> Tensor:
     whole[..., : taps.shape[-1]] = taps
     whole = whole.roll(-(taps.shape[-1] // 2), -1)
     return torch.cat([whole[..., :1], whole[..., 1:].flip(-1)], -1)
-
-
-def _inside(periods: Tensor, frame: Frame) -> Tensor:
-    (top, left), (height, width) = frame.first, frame.size
-    return periods[..., top : top + height, left : left + width]

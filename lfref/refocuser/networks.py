@@ -36,6 +36,7 @@ BASES: dict[str, Operator] = {
     "refocus_by_layers": refocus_by_layers,
     "shift_and_sum": shift_and_sum,
     "shift_and_sum_antialiased": shift_and_sum_antialiased,
+    "occlusion_aware": blockwise_wiener,  # as the file that ships calls it
 }
 """Methods whose pictures may be refined, by their names in checkpoints."""
 LARGEST_OPTION = 100
@@ -72,7 +73,7 @@ class RefinedRefocuser(Refocuser):
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """The method's stack, corrected; black stays black."""
-        like = self.refiner.like
+        like = next(self.refiner.parameters())
         radiance = batches.radiance(views).to(like.dtype)
         check_for_network(self.name, radiance, positions, like.device)
         n_channels = int(self.refiner.config["channels"])

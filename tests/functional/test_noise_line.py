@@ -23,12 +23,6 @@ def test_white_noise_has_its_variance_at_all_frequencies():
     assert float(light.mean()) == pytest.approx(0.5, abs=1e-3)
 
 
-def test_the_quiet_part_of_pure_noise_is_scaled_to_its_variance():
-    light, variance = noise_line.blocks(noisy(torch.full((40, 82, 82), 0.5), 0.0, 1e-4))
-    _, quietest = noise_line._quietest(torch.linspace(0, 1, len(light)), variance)
-    assert quietest.mean().item() == pytest.approx(1e-4, rel=0.03)
-
-
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.1])
 @pytest.mark.parametrize("period", [6.0, 9.0, 30.0])
 def test_stripes_are_hardly_taken_for_noise(angle, period):
@@ -40,17 +34,6 @@ def test_stripes_are_hardly_taken_for_noise(angle, period):
     shot, read = noise_line.measure(LightField(noisy(stripes, 0.0, 1e-4)))
     # The variance of the stripes is .15; along the axes they leave most frequencies to the noise alone.
     assert 0.7e-4 < 0.5 * shot + read < (2e-4 if angle == 0 or period > 9 else 2.5e-3)
-
-
-def test_a_tenth_of_a_level_and_a_quarter_of_the_frequencies_count_as_quiet():
-    # Five levels of 500 blocks; in each, a tenth of the blocks has variance 1 at two of eight frequencies.
-    variance = torch.full((2500, 8), 5.0)
-    variance[::10, 3:5] = 1.0
-    _, quietest = noise_line._quietest(torch.arange(2500.0), variance)
-    torch.testing.assert_close(quietest, torch.full((5,), 1 / noise_line.QUIET_VARIANCE))
-    variance[::10, 4] = 5.0
-    _, quietest = noise_line._quietest(torch.arange(2500.0), variance)
-    torch.testing.assert_close(quietest, torch.full((5,), 5 / noise_line.QUIET_VARIANCE))
 
 
 @pytest.mark.parametrize(("shot", "read"), [(2e-3, 1e-4), (0.0, 4e-4), (1e-3, 0.0)])

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfref.functional import splines
+from tests.refocus.slow import keys
 
 
 @pytest.mark.parametrize("size", [(9, 14), (2, 5), (7, 1), (1, 1), (40, 33)])
@@ -26,13 +27,6 @@ def test_coefficients_are_those_of_scipy():
     image = np.random.default_rng(4).random((21, 30)).astype(np.float32)
     expected = ndimage.spline_filter(image.astype(np.float64), 3, mode="mirror")
     np.testing.assert_allclose(splines.coefficients(image[None])[0], expected, atol=5e-6)
-
-
-def keys(distance: float) -> float:
-    distance = abs(distance)
-    if distance < 1:
-        return 1.5 * distance**3 - 2.5 * distance**2 + 1
-    return -0.5 * distance**3 + 2.5 * distance**2 - 4 * distance + 2 if distance < 2 else 0.0
 
 
 @given(t=st.floats(0, 1))

@@ -27,17 +27,6 @@ def test_a_stem_of_colours_reads_each_by_itself_with_the_same_weights():
         torch.testing.assert_close(result[:, :, colour], expected)
 
 
-def test_values_by_place_are_spread_over_the_frame_and_summed_again():
-    values = torch.rand(4, 3, 3)
-    spread = blocks.by_place(values, 5, 7)
-    assert spread.shape == (4, 5, 7)
-    assert torch.equal(spread[:, 0, 6], values[:, 0, 2])
-    assert torch.equal(spread[:, 1:-1, 1:-1], values[:, 1:2, 1:2].expand(-1, 3, 5))
-    summed = blocks.sum_by_place(torch.stack([spread, 2 * spread]), 3)
-    counts = torch.tensor([1, 3, 1])[:, None] * torch.tensor([1, 5, 1])
-    torch.testing.assert_close(summed, 3 * values * counts)
-
-
 @pytest.mark.parametrize("normalization", list(NORMALIZATIONS))
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float32])
 @pytest.mark.parametrize("level", [0.0, 0.9])
@@ -75,16 +64,3 @@ def test_edges_are_repeated_until_pixels_are_whole(side, size):
     assert result.shape[-2:] == tuple(-(-length // side) * side for length in size)
     rows, columns = (torch.arange(result.shape[axis]).clamp(max=images.shape[axis] - 1) for axis in (-2, -1))
     assert torch.equal(result, images[..., rows[:, None], columns])
-
-
-@pytest.mark.parametrize("size", [(8, 12), (7, 9), (5, 4)])
-def test_what_is_followed_at_one_size_is_run_at_others(size):
-    class Whole(torch.nn.Module):
-        def forward(self, images):
-            return blocks.padded(images, 3)
-
-    free = {2: torch.export.Dim.DYNAMIC, 3: torch.export.Dim.DYNAMIC}
-    program = torch.export.export(Whole(), (torch.rand(2, 3, 10, 11),), dynamic_shapes=(free,))
-    images = torch.rand(2, 3, *size)
-    # Its guards are of strides, which nothing depends on.
-    assert torch.equal(program.module(check_guards=False)(images), blocks.padded(images, 3))

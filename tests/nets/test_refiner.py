@@ -38,14 +38,6 @@ def test_any_size_and_any_leading_axes_keep_their_shape(size, shuffle):
     assert not torch.equal(result, pictures)
 
 
-def test_planes_do_not_know_of_each_other():
-    features, pictures, net = torch.rand(3, 7, 12, 12), torch.rand(3, 3, 12, 12), trained()
-    others = torch.cat([features[:1], torch.rand(2, 7, 12, 12)])
-    torch.testing.assert_close(
-        net(others, pictures, scale(pictures))[0], net(features, pictures, scale(pictures))[0], atol=1e-6, rtol=1e-5
-    )
-
-
 def test_without_blocks_it_is_two_convolutions_written_out():
     net = trained(n_features=2, n_candidates=2, n_blocks=0, shuffle=1, width=3, channels=1)
     features, pictures = torch.rand(1, 2, 6, 7), torch.rand(1, 1, 6, 7)

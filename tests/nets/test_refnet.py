@@ -127,14 +127,6 @@ def test_how_far_a_pixel_sees(options, expected):
     assert reach(**options) == expected
 
 
-def test_the_ends_are_the_stem_both_convolutions_of_the_head_and_the_gains():
-    network = RefNet(**TINY)
-    names = {id(parameter): name for name, parameter in network.named_parameters()}
-    ends = {name for name in names.values() if name.rpartition(".")[0] in ("trunk.0", "trunk.4", "head", "")}
-    assert {names[id(end)] for end in network.ends()} == ends
-    assert len(ends) == 7
-
-
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("autocast", [False, True])
 def test_eleven_blocks_have_a_gradient_of_finite_norm_on_flat_views(level, autocast):
@@ -159,7 +151,6 @@ def test_views_that_do_not_fit_are_refused(shape):
         {"dilation": [1, 0]},
         {"padding": "reflect"},
         {"widths": ()},
-        {"channels": 2, "stem_by_colour": True},
         {"activation": "magic"},
     ],
 )

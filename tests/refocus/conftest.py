@@ -44,6 +44,13 @@ def shifted_views(image: Tensor, disparity: float, grid: tuple[int, int]) -> Ten
     return torch.stack([torch.stack([row @ image @ column.T for column in columns]) for row in rows])
 
 
+def slope_homographies(slopes: list[float], positions: Tensor) -> Tensor:
+    """Shifts by the slopes for cameras at (v, u) = positions [V, U, 2], as matrices [N, V, U, 3, 3]."""
+    matrices = torch.eye(3, dtype=torch.float64).repeat(len(slopes), *positions.shape[:2], 1, 1)
+    matrices[..., :2, 2] = torch.tensor(slopes, dtype=torch.float64)[:, None, None, None] * positions.flip(-1)
+    return matrices
+
+
 def layered_views(near: float, far: float, size: tuple[int, int] = (72, 80)) -> tuple[Tensor, Tensor]:
     """A disc of radius 20 in front of a plane, and the distance of each pixel of the central view from its centre."""
     front, back = (shifted_views(texture(3, *size), disparity, (7, 7)) for disparity in (near, far))

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.autograd import forward_ad, gradcheck, gradgradcheck
 
 from lfref.refocus import batches
-from lfref.refocus.adjoint import adjoint
+from lfref.refocus.operator import adjoint
 
 Operator = Callable[[Tensor], Tensor]
 Shape = tuple[int, ...]

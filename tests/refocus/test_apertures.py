@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.io import images
 from lfref.refocus import apertures
 
 GRIDS = [(7, 7), (6, 6), (5, 8)]
@@ -74,16 +73,3 @@ def test_a_mask_is_its_rows():
 def test_what_is_no_aperture_is_refused(shape, options):
     with pytest.raises(InputError):
         shape((2, 3), **options)
-
-
-@pytest.mark.parametrize("channels", [1, 2, 3, 4])
-def test_a_picture_counts_by_the_mean_of_each_cell_and_keeps_its_ratio(tmp_path, channels):
-    shares = torch.rand(24, 12, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    light, alpha = shares.sqrt()[..., None], shares.sqrt()[..., None]
-    samples = shares[..., None].expand(-1, -1, channels) if channels in (1, 3) else None
-    if samples is None:  # the same, half by the light and half by the opacity
-        samples = torch.cat([light.expand(-1, -1, channels - 1), alpha], -1)
-    images.write_image(tmp_path / "aperture.exr", samples.float().numpy())
-    weights = apertures.picture((8, 8), tmp_path / "aperture.exr")
-    expected = torch.nn.functional.pad(torch.nn.functional.avg_pool2d(shares[None], 3)[0], (2, 2))
-    torch.testing.assert_close(weights, expected, atol=1e-6, rtol=0)

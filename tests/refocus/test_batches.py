@@ -13,10 +13,9 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.refocus import batches
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.homography import homography, slope_homographies
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
-from lfref.refocus.surface import per_pixel, tilt_shift
-from tests.refocus.conftest import dirichlet
+from lfref.refocus.surface import homography, per_pixel, tilt_shift
+from tests.refocus.conftest import dirichlet, slope_homographies
 from tests.refocus.slow import slow_shift_and_sum
 
 GRID, SIZE, SLOPES = (3, 4), (14, 17), [-1.3, 0.0, 0.41, 1.0]
@@ -99,7 +98,7 @@ def test_all_that_take_cameras_anywhere_agree(kind):
         per_pixel(views, maps, positions=positions),
         per_pixel(views.clone().requires_grad_(), maps, positions=positions).detach(),
         tilt_shift(views, SLOPES, (0, 0), positions=positions),
-        homography(views, slope_homographies(SLOPES, GRID, positions)),
+        homography(views, slope_homographies(SLOPES, positions)),
     ):
         torch.testing.assert_close(stack, expected, atol=1e-12, rtol=0)
     still, slopes = views[:1, :1].expand_as(views), [-0.9, 0.0, 0.41]

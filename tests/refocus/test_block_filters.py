@@ -73,7 +73,7 @@ def test_of_one_surface_blocks_and_the_whole_field_give_the_same():
     aperture = torch.full(views.shape[:2], 1 / 49).double()
     prior = Energies(torch.tensor([0.4]).double(), torch.ones(1).double())
     slopes = torch.tensor([0.4, 0.1]).double()
-    blocks = refocus_by_blocks(views, slopes, torch.full((64, 64), 0.4), prior, aperture).stack
+    blocks, _ = refocus_by_blocks(views, slopes, torch.full((64, 64), 0.4), prior, aperture)
     whole = refocus_by_rows_and_columns(views, slopes, prior, aperture)
     inner = (..., slice(12, -12), slice(12, -12))
     torch.testing.assert_close(blocks[inner], whole[inner], atol=1e-2, rtol=0)
@@ -85,9 +85,9 @@ def test_aliases_of_a_leaf_are_told_apart_where_filters_for_all_disparities_fail
     made = simulate(scene, outputs=["views", "truth", "disparity"], slopes=slopes)
     aperture = torch.full((7, 7), 1 / 49).double()
     prior = Energies(torch.tensor([-1.0, -0.2, 0.15, 0.4]).double(), torch.full((4,), 0.25).double())
-    blocks = refocus_by_blocks(made.views, slopes, made.disparity, prior, aperture)
+    blocks, nearness = refocus_by_blocks(made.views, slopes, made.disparity, prior, aperture)
     whole = refocus_by_rows_and_columns(made.views, slopes, prior, aperture)
-    ours = whole + blocks.nearness * (blocks.stack - whole)
+    ours = whole + nearness * (blocks - whole)
     inner = (0, ..., slice(24, -24), slice(24, -24))
     errors = [(stack - made.truth)[inner].square().mean() for stack in (ours, whole)]
     assert float(errors[0]) < float(errors[1]) / 5

@@ -14,15 +14,13 @@ from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.focal_stack_transform import focal_stack_transform
 from lfref.refocus.fourier.slice import fourier_slice
-from lfref.refocus.homography import homography, slope_homographies
+from lfref.refocus.joint_wiener import prior_of_map, refocus_jointly
 from lfref.refocus.mean_of_views import mean_of_views
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.surface import per_pixel, tilt_shift
-from lfref.refocus.wiener import refocus_jointly
-from lfref.refocus.wiener_filters import prior_of_map
-
-from . import contracts
+from lfref.refocus.surface import homography, per_pixel, tilt_shift
+from tests.refocus import contracts
+from tests.refocus.conftest import slope_homographies
 
 SLOPES = [-1.3, 0.0, 0.37]
 SHAPES = [(3, 2, 3, 8, 7), (1, 4, 1, 9, 11)]
@@ -42,7 +40,7 @@ def on_a_bowl(views, **options):
 def through_turned_cameras(views, **options):
     """The shifts of the slopes, all views besides turned and foreshortened, but still filling the picture."""
     turn = torch.tensor([[0.9, 0.02, 0.2], [-0.01, 0.9, 0.3], [0.003, -0.002, 1]], dtype=torch.float64)
-    return homography(views, slope_homographies(SLOPES, views.shape[-5:-3]) @ turn, **options)
+    return homography(views, slope_homographies(SLOPES, batches.even(views.shape[-5:-3])) @ turn, **options)
 
 
 def jointly(views):

@@ -90,6 +90,7 @@ def test_noise_is_measured_and_helps(operator, first):
     assert float((ours - blind)[first:].mean()) > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("operator", "mean_gain"), [(separable_wiener, -0.3), (blockwise_wiener, 1)])
 def test_wide_baselines_are_no_worse_than_a_sum_antialiased(operator, mean_gain):
     slopes = [-8.0, -3.5, 8.0]

@@ -54,15 +54,3 @@ def test_a_missing_view_of_a_plane_is_predicted(disparity, hole):
     error = (made - whole)[hole][inner].square().mean()
     mean_of_others = (whole[weights > 0].mean(0) - whole[hole])[inner].square().mean()
     assert float(error) < 1e-3 * float(mean_of_others)
-
-
-def test_only_weights_that_are_the_same_throughout_are_those_of_views():
-    weights = torch.rand(3, 4)
-    weight = weights[:, :, None, None, None].expand(3, 4, 1, 6, 7).clone()
-    found = filling.view_weights(weight)
-    assert found is not None
-    assert torch.equal(found, weights)
-    assert filling.view_weights(torch.stack([weight, weight])) is not None
-    assert filling.view_weights(torch.stack([weight, 2 * weight])) is None
-    weight[2, 1, 0, 5, 6] += 0.1
-    assert filling.view_weights(weight) is None

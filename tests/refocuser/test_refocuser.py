@@ -20,7 +20,6 @@ from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
 from lfref.refocuser.refocuser import (
     OperatorRefocuser,
-    Refocuser,
     name_apart,
 )
 from lfref.simulator import sim30
@@ -76,18 +75,6 @@ def test_all_names_differ_and_begin_as_they_did(names):
     assert all(new.startswith(old) for new, old in zip(made, names, strict=True))
 
 
-def test_views_go_to_the_device_of_the_method_and_the_stack_back():
-    class Elsewhere(Refocuser):
-        name, device = "elsewhere", torch.device("meta")
-
-        def stack(self, views, weight, slopes, positions=None):
-            assert views.device == self.device
-            return torch.ones(len(slopes), *views.shape[-3:])  # "meta" holds no values to move back
-
-    for light in (torch.rand(3, 3, 1, 12, 13), LightField(torch.rand(3, 3, 1, 12, 13))):
-        assert Elsewhere()(light, [0.0, 1.0]).shape == (2, 1, 12, 13)
-
-
 FOCI = torch.tensor([-1.5, 0.0, 0.4], dtype=torch.float64)
 
 
@@ -119,14 +106,6 @@ def test_samples_that_weigh_nothing_may_be_anything(name):
     expected = refocuser(LightField(views, weight=weight), [0.3])
     wild = LightField(views.masked_fill(weight == 0, torch.nan), weight=weight)
     assert torch.equal(refocuser(wild, [0.3]), expected)
-
-
-def test_an_aperture_weighs_the_views_of_any_grid():
-    refocuser = OperatorRefocuser("name", shift_and_sum, functools.partial(apertures.disc, diameter=2))
-    for grid in ((3, 3), (4, 5)):
-        views = torch.rand(2, *grid, 3, 14, 15)
-        expected = shift_and_sum(views, FOCI, weights=apertures.disc(grid, 2))
-        assert torch.equal(refocuser(views, FOCI), expected)
 
 
 def test_another_aperture_makes_another_refocuser_unless_it_has_one_of_its_own():

@@ -58,7 +58,6 @@ def disparity_map(
     views: Tensor,
     first: float | None = None,
     last: float | None = None,
-    radius: float = 1.0,
     weights: Tensor | None = None,
     positions: Tensor | None = None,
 ) -> DisparityMap:
@@ -68,7 +67,6 @@ def disparity_map(
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W], more than one view.
         first: Least disparity to look for, in pixels per view step; None estimates it.
         last: Largest disparity to look for, in pixels per view step; None estimates it.
-        radius: Standard deviation of the window in which views are compared, in pixels.
         weights: Weight of each view, those of 0 are not read, [V, U]; None reads all.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
@@ -76,7 +74,7 @@ def disparity_map(
         Disparity and confidence, on the device of the views. No gradients.
 
     Raises:
-        InputError: Views, a range, a radius, weights or positions that cannot be used.
+        InputError: Views, a range, weights or positions that cannot be used.
 
     Example:
         >>> views = torch.rand(5, 5, 3, 64, 64)
@@ -85,10 +83,6 @@ def disparity_map(
     """
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
-    if max(grid) < 2:
-        raise InputError("disparity takes more than one view", got=f"a grid of {grid[0]}x{grid[1]}")
-    if not (math.isfinite(radius) and radius >= 0):
-        raise InputError("radius must be finite and at least 0", got=radius, remedy="in pixels; 1 is the default")
     aperture = batches.checked_weights(weights, grid)
     maps = []
     for field in batch:
@@ -102,7 +96,7 @@ def disparity_map(
         slopes = batches.checked_slopes(matching.slopes_between(low, high), grid, size, positions)
         light = cost_volume.details(cost_volume.grey_views(field, aperture, positions), slopes)
         noise = cost_volume.noise(light, slopes)
-        labels, confidence = matching.best_slopes(light, slopes, noise, radius)
+        labels, confidence = matching.best_slopes(light, slopes, noise)
         maps.append((matching.refine(light, labels, noise, low, high), confidence))
     shape, dtype = (*views.shape[:-5], *size), batches.working_dtype(views.dtype)
     return DisparityMap(*(torch.stack(part).reshape(shape).to(views.device, dtype) for part in zip(*maps, strict=True)))
@@ -161,7 +155,7 @@ def estimate_range(views: Tensor, aperture: Tensor, positions: Tensor | None = N
     slopes = matching.slopes_between(low, high)
     small = cost_volume.grey_views(light, aperture, positions)
     noise = cost_volume.noise(small, slopes)
-    labels, confidence = matching.best_slopes(small, slopes, noise, 1.0)
+    labels, confidence = matching.best_slopes(small, slopes, noise)
     surfaces = factor * matching.refine(small, labels, noise, low, high)[confidence > SURE].sort().values
     if not len(surfaces):
         return first, last

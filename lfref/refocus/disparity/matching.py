@@ -31,6 +31,8 @@ from lfref.functional.loops import compiled, inlined
 from lfref.refocus.disparity import cost_volume
 from lfref.refocus.disparity.cost_volume import GreyViews, Integers, Number, Reals, mean_of, read_spline, robust_mean
 
+RADIUS = 1.0
+"""Standard deviation of the window in which views are compared, in pixels."""
 STEP = 0.1
 """Largest distance of the slopes tried, in pixels per view step: `refine` finds what lies between them."""
 CHANGE = 0.3
@@ -58,13 +60,13 @@ def slopes_between(first: float, last: float) -> Tensor:
     return torch.linspace(first, last, 1 + math.ceil((last - first) / STEP - 1e-9), dtype=torch.float64)
 
 
-def best_slopes(views: GreyViews, slopes: Tensor, noise: float, radius: float) -> tuple[Tensor, Tensor]:
+def best_slopes(views: GreyViews, slopes: Tensor, noise: float) -> tuple[Tensor, Tensor]:
     """The slope of each pixel, among evenly spaced ones [N], and its confidence, [H, W] each.
 
-    `noise` and `radius` are standard deviations, of a view and of the window in which views are compared.
+    `noise` is the standard deviation of the differences of views.
     """
     spread = cost_volume.spread(views, noise).numpy()
-    shares = neighbours.smoothed(cost_volume.disagreements(views, slopes, spread), radius)
+    shares = neighbours.smoothed(cost_volume.disagreements(views, slopes, spread), RADIUS)
     costs = aggregate(shares, views.central)
     # The vertex of the parabola through the least cost and its neighbours; end labels have one neighbour, and stay.
     best, last = costs.argmin(0, keepdim=True), len(costs) - 1

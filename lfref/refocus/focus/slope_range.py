@@ -114,12 +114,10 @@ class ReducedViews:
         )
 
 
-def reduce_views(
-    views: Tensor, weight: Tensor | None = None, positions: Tensor | None = None, pixels: int = PIXELS
-) -> ReducedViews:
-    """Choose views of a light field [V, U, C, H, W] and reduce them to about so many pixels."""
+def reduce_views(views: Tensor, weight: Tensor | None = None, positions: Tensor | None = None) -> ReducedViews:
+    """Choose views of a light field [V, U, C, H, W] and reduce them."""
     height, width = views.shape[-2:]
-    factor = min(max(1, round((height * width / pixels) ** 0.5)), height, width)
+    factor = min(max(1, round((height * width / PIXELS) ** 0.5)), height, width)
     cameras = (
         batches.even((views.shape[0], views.shape[1])) if positions is None else positions.to("cpu", torch.float64)
     )
@@ -220,13 +218,14 @@ class SlopeFit(NamedTuple):
 @torch.no_grad()
 def disparity_of_reduced(reduced: ReducedViews) -> CoarseDisparity:
     """Disparity and confidence at the reference of reduced views: a sweep over all slopes, then over their range."""
-    nothing = torch.zeros(reduced.pictures.shape[1:])
-    if len(reduced.indices) < 2 or min(nothing.shape) < 2:
-        return CoarseDisparity(nothing, nothing, reduced.factor, nothing.bool())
+    zeros = torch.zeros(reduced.pictures.shape[1:])
+    nothing = CoarseDisparity(zeros, zeros, reduced.factor, zeros.bool())
+    if len(reduced.indices) < 2 or min(zeros.shape) < 2:
+        return nothing
     smaller = smallest(reduced)
     first = as_disparity(widest_fit(smaller), smaller.factor)
     if not bool(first.confidence.any()):
-        return CoarseDisparity(nothing, nothing, reduced.factor, nothing.bool())
+        return nothing
     sure = first.confidence >= min(SURE, float(first.confidence.quantile(0.8)))
     low, high = (first.disparity[sure].quantile(torch.tensor([0.005, 0.995])) / reduced.factor).tolist()
     low, high = _with_far_surfaces(reduced, low, high)

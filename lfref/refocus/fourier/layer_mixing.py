@@ -100,10 +100,14 @@ class Frame(NamedTuple):
         padded = F.pad(pictures.reshape(1, -1, *self.size), sides, mode="replicate")
         return padded.reshape(*pictures.shape[:-2], *self.period)
 
+    def within(self, periods: Tensor) -> Tensor:
+        """The pictures [..., H, W] in periods [..., h, w]."""
+        (top, left), (height, width) = self.first, self.size
+        return periods[..., top : top + height, left : left + width]
+
     def pictures(self, spectra: Tensor) -> Tensor:
         """Pictures [..., H, W] in the periods with these spectra [..., h, w // 2 + 1]."""
-        (top, left), (height, width) = self.first, self.size
-        return torch.fft.irfft2(spectra, s=self.period)[..., top : top + height, left : left + width]
+        return self.within(torch.fft.irfft2(spectra, s=self.period))
 
 
 def make_frame(border: str, size: tuple[int, int], reach: float) -> Frame:

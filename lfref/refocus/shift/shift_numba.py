@@ -12,7 +12,7 @@
 So the source rows of a line, one row of sums and the rings stay in the first two caches. The tables say which samples
 each plane reads with which weights; they depend on slopes and sizes only, so the last ones are kept. Threads are plain
 ones, started for the call: they work after a fork, and are as many as PyTorch's.
-It is kept beside `shift_torch` for its time, measured on 7x7x3x375x540 views and 16 planes with two threads: 21
+It is kept beside `by_torch` for its time, measured on 7x7x3x375x540 views and 16 planes with two threads: 21
 (cubic), 32 (linear) and 44 times (nearest) less than PyTorch's operations.
 Letters: `n` plane, `v u` line of views and view in it, `c` channel, `y x` source row and column, `r` output row, `k`
 tap; `G` groups of `TAPS` taps, `R` lines of taps: 1 where all lines of views stand at the same columns, else V.

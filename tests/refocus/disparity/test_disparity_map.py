@@ -69,7 +69,6 @@ def test_simulated_scenes_come_back_borders_included(name):
         {"first": 1.0, "last": -1.0},
         {"first": math.nan},
         {"last": 30.0},
-        {"radius": -1.0},
         {"positions": torch.zeros(2, 3, 2)},
     ],
 )

@@ -53,7 +53,7 @@ def refined(views, disparity):
 @pytest.mark.parametrize("disparity", [-0.35, 0.2])
 def test_planes_are_matched_between_slopes_with_confidence(disparity):
     light = grey_views(plane(disparity), torch.ones(5, 5))
-    labels, confidence = matching.best_slopes(light, matching.slopes_between(-1, 1), 0.0, 1.0)
+    labels, confidence = matching.best_slopes(light, matching.slopes_between(-1, 1), 0.0)
     assert float((labels - disparity)[4:-4, 4:-4].abs().quantile(0.95)) < 0.05
     assert float(confidence[4:-4, 4:-4].median()) > 0.4
     assert float(confidence.max()) < 1

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from lfref.refocus import batches
-from lfref.refocus.shift import shift_numba, shift_plan, shift_torch
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift import shift_numba, shift_plan
+from lfref.refocus.shift.shift_and_sum import by_torch, shift_and_sum
 
 SLOPES = [-2.3, -1.0, 0.0, 0.3, 0.5, 1.7]
 
@@ -18,7 +18,7 @@ def in_type(views: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 def both(views, slopes=SLOPES, interpolation="linear", border="renormalize", weights=None, widths=None):
     planes = batches.checked_slopes(slopes, views.shape[1:3], views.shape[-2:], None)
     plan = shift_plan.plan(planes, views.shape[1:3], views.shape[-2:], interpolation, border, weights, widths)
-    return shift_numba.shift_and_sum(views, plan), shift_torch.shift_and_sum(views, plan)
+    return shift_numba.shift_and_sum(views, plan), by_torch(views, plan)
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])

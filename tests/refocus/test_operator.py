@@ -5,8 +5,8 @@ import functools
 import pytest
 import torch
 
-from lfref.refocus.adjoint import adjoint
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.operator import adjoint
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 SLOPES = [-0.7, 0.0, 1.0]

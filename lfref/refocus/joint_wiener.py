@@ -1,4 +1,4 @@
-"""The filters of Wiener refocusing: a factor for every plane, view and frequency.
+"""Joint Wiener refocusing: what a lens with the whole aperture would have photographed, by filters of all views.
 
 Views L_i and the photograph T are sums over disparities d and over the frequencies q = k + m that pixels cannot tell
 from k. The estimate sum_i g_i L_i of T of least mean square error solves
@@ -11,8 +11,13 @@ which falls with frequency, averaged over the area of a pixel. Power beyond half
 by the factor `aliased`. `unexplained` is the power that no mixture of disparities explains: occlusion, gloss, noise.
 C depends on the distance of views only, and views lie symmetrically about the centre. Therefore g of a view is the
 conjugate of g of the opposite view, and for sums and differences of opposite views all numbers are real.
-Letters: `n` plane, `d` disparity in pixels per view step, `i j` view, `v u` its row and column from the centre, `k`
-frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope.
+
+Filters of `separable_wiener` are products of rows and columns; these are not: they tell more disparities apart, and
+take longer. Views are cut into squares that overlap by twice the reach of a filter; their spectra, times the factors,
+add up to those of the picture.
+Letters: `n N` plane, `d` disparity in pixels per view step, `i j` view, `v u` its row and column from the centre, `k`
+frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope; `B` light fields, `T` squares of a row, `J` all of
+their pictures, `K` columns of frequencies.
 Sources: Levin, Durand, "Linear view synthesis using a dimensionality gap light field prior", 2010; Levin, Freeman,
 Durand, "Understanding Camera Trade-Offs through a Bayesian Analysis of Light Field Projections", 2008 (a prior over
 slopes); Field, 1987 (power spectra of natural pictures).
@@ -29,9 +34,16 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.functional import fft_lengths
+from lfref.refocus import batches
 from lfref.refocus.axis_filters import DECAY, FOLDS, OUTER
 from lfref.refocus.fourier import exact
 
+TAIL = 12
+"""Pixels that filters reach beyond the shifts of the views."""
+AT_ONCE = 2**24
+"""Samples of all views in the squares whose spectra are held at once, 64 MB."""
+MIXED_AT_ONCE = 2**20
+"""Samples of the pairs that are mixed and transformed at once, 4 MB, about what caches hold; some copies are needed."""
 STEP = 0.12
 """Distance of neighbouring disparities: at half of it views three steps from the centre agree to a fifth of a pixel."""
 MARGIN = 0.6
@@ -261,3 +273,96 @@ def _solved(covariance: Tensor, photographs: Tensor, noise: Tensor, grid: tuple[
     kept = grid[0] * grid[1]  # a central view has no difference
     factor = torch.linalg.cholesky(matrix[:, :kept, :kept])
     return torch.cholesky_solve(right[..., :kept].mT, factor).mT
+
+
+def refocus_jointly(field: Tensor, planes: Tensor, prior: Prior, aperture: Tensor) -> Tensor:
+    """A light field [V, U, C, H, W] refocused at planes [N] by filters of all views together, [N, C, H, W].
+
+    The aperture [V, U], of sum 1, is symmetric about both axes.
+    """
+    grid, size = batches.grid_and_size(field)
+    # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
+    margin = fft_lengths.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
+    side = _side(margin, size)
+    factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
+    table = field.new_empty(len(planes), grid[0] * grid[1], side, side // 2 + 1)
+    for place, plane in zip(table, factors, strict=True):
+        place.copy_(plane)
+    return _filtered(field[None].flatten(1, 2), table, side, margin)[0]
+
+
+def _side(margin: int, size: tuple[int, int]) -> int:
+    """Side of the squares that take the least work: filters for one of them (about 3 FFTs), and FFTs for all."""
+    sides = (96, 128, 160, 192, 256, 320, 384, 512, fft_lengths.next_fast_even(max(size) + 2 * margin))
+
+    def work(side: int) -> float:
+        n_squares = math.prod(math.ceil(length / (side - 2 * margin)) for length in size)
+        return (3 + n_squares) * side**2
+
+    return min((side for side in sides if side > 2 * margin + 8), key=work)
+
+
+def _filtered(views: Tensor, table: Tensor, side: int, margin: int) -> Tensor:
+    """Sums [B, N, C, H, W] of views [B, V U, C, H, W], filtered in squares by the `filters` of all planes.
+
+    Of each square of `side` pixels, `margin` pixels at each border are read but not written.
+    """
+    size = views.shape[-2:]
+    step = side - 2 * margin
+    counts = [-(-length // step) for length in size]
+    n_squares = max(1, AT_ONCE // (math.prod(views.shape[:3]) * side**2))
+    stack = views.new_empty(len(views), len(table), views.shape[2], *size)
+    # Some squares of a row at a time: the spectra of all would take many times the memory of the views.
+    for row in range(counts[0]):
+        for first in range(0, counts[1], n_squares):
+            last = min(first + n_squares, counts[1])
+            left = first * step - margin
+            spectra = _spectra(views, (row * step - margin, left), last - first, side, step)
+            total = _mixed(spectra.flatten(1, 3), table, opposites(views.shape[1])[0])
+            total = total.unflatten(1, spectra.shape[1:4]).transpose(0, 1)
+            inner = torch.fft.irfft2(total, s=(side, side))[..., margin : side - margin, margin : side - margin]
+            place = stack[..., row * step : (row + 1) * step, first * step : last * step]
+            # The last squares reach beyond the picture.
+            place.copy_(inner.movedim(-3, -2).flatten(-2)[..., : place.shape[-2], : place.shape[-1]])
+    return stack
+
+
+def _spectra(views: Tensor, corner: tuple[int, int], n_squares: int, side: int, step: int) -> Tensor:
+    """Spectra of sums of opposite views, of the central view, and of differences, [V U, B, C, T, side, side // 2 + 1].
+
+    T squares lie side by side, `step` pixels apart, the first pixel of the first one at `corner` of the views
+    [B, V U, C, H, W]; beyond the views, the outermost pixels are repeated.
+    """
+    n_fields, n_views, n_channels = views.shape[:3]
+    shape = (n_views, n_fields, n_channels, n_squares, side, side // 2 + 1)
+    spectra = views.new_empty(shape, dtype=exact.complex_dtype(views.dtype))
+    (top, left), width = corner, (n_squares - 1) * step + side
+    beyond = (max(-left, 0), max(left + width - views.shape[-1], 0), max(-top, 0), max(top + side - views.shape[-2], 0))
+    within = views[..., max(top, 0) : top + side, max(left, 0) : left + width]
+
+    def transform(mixed: Tensor, first: int) -> None:
+        padded = F.pad(mixed.flatten(0, 2), beyond, mode="replicate").unflatten(0, mixed.shape[:3])
+        squares = padded.unfold(-1, side, step).movedim(-2, -3)
+        spectra[first : first + mixed.shape[1]] = torch.fft.rfft2(squares).transpose(0, 1)
+
+    n_sums, n_pairs = opposites(n_views)
+    n_at_once = max(1, MIXED_AT_ONCE // (n_fields * n_channels * side * width))
+    for first in range(0, n_pairs, n_at_once):
+        last = min(first + n_at_once, n_pairs)
+        one, other = within[:, first:last], within[:, n_views - last : n_views - first].flip(1)
+        transform(one + other, first)
+        transform(one - other, n_sums + first)
+    if n_pairs < n_sums:
+        transform(within[:, n_pairs:n_sums], n_pairs)
+    return spectra
+
+
+def _mixed(spectra: Tensor, table: Tensor, n_sums: int) -> Tensor:
+    """Spectra [V U, J, side, K] times factors [N, V U, side, K], added up, [N, J, side, K]; times i after `n_sums`."""
+    parts, stack = torch.view_as_real(spectra).movedim(-1, 1).contiguous(), []
+    for factors in table:
+        sums, differences = torch.zeros_like(parts[0]), torch.zeros_like(parts[0])
+        for p, (part, factor) in enumerate(zip(parts, factors, strict=True)):
+            (sums if p < n_sums else differences).addcmul_(part, factor)
+        stack.append(torch.complex(sums[0] - differences[1], sums[1] + differences[0]))
+    return torch.stack(stack)
