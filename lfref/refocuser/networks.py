@@ -36,7 +36,6 @@ BASES: dict[str, Operator] = {
     "refocus_by_layers": refocus_by_layers,
     "shift_and_sum": shift_and_sum,
     "shift_and_sum_antialiased": shift_and_sum_antialiased,
-    "occlusion_aware": blockwise_wiener,  # as the file that ships calls it
 }
 """Methods whose pictures may be refined, by their names in checkpoints."""
 LARGEST_OPTION = 100
