@@ -79,7 +79,8 @@ class StepGuard(Callback):
         Raises:
             LfrefError: The weights are not finite, or too many steps in a row were skipped.
         """
-        is_loss_finite, norm = torch.stack(self._losses).isfinite().all(), gradient_norm(module)
+        is_loss_finite = torch.stack(self._losses).isfinite().all()
+        norm = nn.utils.get_total_norm([each.grad for each in module.parameters() if each.grad is not None])
         places, self._places, self._losses = self._places, [], []
         if norm.isfinite():
             self.in_a_row = 0
@@ -133,12 +134,6 @@ class BestCheckpoint(ModelCheckpoint):
 
     def _here(self, path: str) -> str:
         return str(Path(self.dirpath or "") / Path(path).name) if path else ""
-
-
-def gradient_norm(module: nn.Module) -> Tensor:
-    """Norm of all gradients, in their type, a scalar."""
-    gradients = [parameter.grad for parameter in module.parameters() if parameter.grad is not None]
-    return nn.utils.get_total_norm(gradients) if gradients else torch.zeros(())
 
 
 def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:

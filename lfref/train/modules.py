@@ -65,11 +65,6 @@ class Fitting(LightningModule, abc.ABC):
     def payload(self) -> dict[str, Any]:
         """Entry of checkpoints from which `lfref.load` builds the network again."""
 
-    def forward(self, *inputs: Tensor) -> Tensor:
-        """The network's output."""
-        output: Tensor = self.net(*inputs)
-        return output
-
     def update_metrics(self, images: Tensor, truth: Tensor) -> None:
         """Update the further metrics with validation images [..., C, H, W] and log them.
 
@@ -224,11 +219,11 @@ class Refining(Fitting):
 
     def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
         """The loss of one batch."""
-        return self._loss(batch, self(batch["features"], batch["pictures"], batch["error_scale"]), "train")
+        return self._loss(batch, self.net(batch["features"], batch["pictures"], batch["error_scale"]), "train")
 
     def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
         """Log the loss, the PSNR and its gain over the pictures for one held-out light field."""
-        output = self(batch["features"], batch["pictures"], batch["error_scale"])
+        output = self.net(batch["features"], batch["pictures"], batch["error_scale"])
         self._loss(batch, output, "val")
         truth = batch["pictures"] + batch["missing"]
         # Pixels that may not be corrected count as right.

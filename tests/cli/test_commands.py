@@ -10,7 +10,6 @@ from lfref.io.run import Run
 from lfref.refocus import apertures
 from lfref.refocus.focus.all_in_focus import extended_focus
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.load import load
 from lfref.report import answers
 from lfref.report.tables import read_table
 from tests.cli.conftest import TINY
@@ -64,19 +63,6 @@ def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
     for words in ("alphas=[1]", "aperture=disc"):  # a network has planes and an aperture of its own
         status, error = lfref("refocus", f"input={field}", f"run={trained}/run", words, f"output={tmp_path}/no")
         assert status == 1, error
-
-
-def test_the_shipped_refnet_reads_the_central_views_and_brings_its_planes(lfref, tmp_path):
-    words = ("n_fields=1", "scene.camera.grid=[9,9]", "scene.camera.size=[64,72]", "outputs=[views]")
-    assert lfref("simulate", f"output={tmp_path}/scenes", *words)[0] == 0
-    field = tmp_path / "scenes" / "simulated_s0_e0_000"
-    words = ("refocus", field, "method=refnet", "correct=none", f"output={tmp_path}/out")
-    status, error = lfref(*words)
-    assert status == 0, error
-    stack, planes = read_stack(tmp_path / "out" / "stack.exr")
-    assert planes.alphas == tuple(step / 8 for step in range(1, 17))
-    expected = load("refnet")(read(field, angular_size=[7, 7]), planes.slopes)
-    torch.testing.assert_close(stack, expected, atol=1e-3, rtol=0)
 
 
 def test_eval_writes_every_plane_and_the_means_and_the_report_shows_them(lfref, trained):

@@ -84,15 +84,6 @@ def test_a_run_that_was_moved_goes_on_as_it_was_set_up(lfref, tmp_path):
     assert Run(moved).is_finished
 
 
-def test_one_command_begins_a_run_and_goes_on_with_it(lfref, tmp_path):
-    words = (*TRAIN, f"output={tmp_path}/run", "resume=auto")
-    for n_epochs in (1, 2, 2):
-        status, error = lfref(*words, f"trainer.max_epochs={n_epochs}")
-        assert status == 0, error
-    assert epochs(tmp_path / "run") == [0, 1]
-    assert lfref(*TRAIN, f"output={tmp_path}/run")[0] == 1
-
-
 # Sweeps.
 
 

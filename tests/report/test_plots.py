@@ -53,13 +53,6 @@ def test_quality_is_the_mean_over_light_fields_in_a_panel_of_each_reference_and_
     assert list(line_of(by_sum, "net").get_ydata()) == [70.0] * 4  # as in means, a PSNR counts by at most 70 dB
 
 
-def test_planes_without_alphas_lie_at_their_slopes_and_no_method_judges_itself():
-    rows = pd.concat([planes("net", "a").assign(alpha=None), planes("a", "a"), planes("net", "b")])
-    first, _ = plots.by_plane(rows).axes
-    assert [points(line) for line in first.get_lines()] == [[(1 - 1 / alpha, 30 + alpha) for alpha in ALPHAS]]
-    assert first.get_xlabel() == "Slope (px/view)"
-
-
 def bench(rows, reference="truth"):
     """Methods of one class, and the FFT before them, which took two seconds."""
     table = pd.DataFrame(rows, columns=["method", "median_s", "psnr_db"])
