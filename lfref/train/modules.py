@@ -98,7 +98,7 @@ class Fitting(LightningModule, abc.ABC):
         """Use this run's settings of optimiser and schedule, not the checkpoint's."""
         loop = checkpoint["loops"]["fit_loop"]
         epochs, is_whole = loop["epoch_progress"]["current"], loop["epoch_loop.batch_progress"]["is_last_batch"]
-        # After the last batch of an epoch, Lightning goes on with the next one, and leaves out the step of the schedule.
+        # After the last batch of an epoch, Lightning goes on with the next one, without a step of the schedule.
         n_steps = {"epoch": epochs["started" if is_whole else "processed"], "step": checkpoint["global_step"]}
         optimizer, schedule = self._optimization([[nn.Parameter(torch.zeros(()))] for _ in self.parameter_groups()])
         refit(checkpoint, optimizer, schedule, n_steps[interval_of(schedule)])
