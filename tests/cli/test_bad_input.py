@@ -51,7 +51,7 @@ def assert_one_line(status: int, error: str) -> str:
         (("refocus",), "input"),
         (("refocus", "input={field}", "method=refnet", "run={here}/net.ckpt"), "method="),
         (("refocus", "input={field}", "device=quantum"), "device"),
-        (("refocus", "input={field}", "format=bmp"), "format"),
+        (("refocus", "input={field}", "format=bmp"), "picture.bmp"),
         (("refocus", "input={field}", "reader.angular_size=99"), "reader.angular_size"),
         (("refocus", "input={field}", "planes=paper", "correct={here}/text.png"), "corrections"),
         (("view", "input={field}", "methods=null"), "method"),

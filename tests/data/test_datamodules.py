@@ -60,7 +60,7 @@ def test_a_batch_holds_the_patches_of_as_many_fields_as_asked_for():
 
 @pytest.mark.parametrize("labels", [LABELS, RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))])
 def test_scenes_that_are_kept_are_those_of_the_first_epoch_in_half_precision(tmp_path, labels):
-    made = [simulated(labels, cache_folder=folder) for folder in (None, str(tmp_path))]
+    made = [simulated(labels, n_fields=2, cache_folder=folder) for folder in (None, str(tmp_path))]
     loaders = [data.train_dataloader() for data in made]
     for epoch, is_equal in ((0, True), (1, False)):
         for loader in loaders:
@@ -74,7 +74,7 @@ def test_scenes_that_are_kept_are_those_of_the_first_epoch_in_half_precision(tmp
         for name in rendered.keys() & kept.keys():
             for what in ("views", "labels"):
                 torch.testing.assert_close(kept[name][what], rendered[name][what], atol=1e-3, rtol=0)
-    assert len(list(tmp_path.glob("scenes_*/*.npy"))) == (5 if labels is LABELS else 10)
+    assert len(list(tmp_path.glob("scenes_*/*.npy"))) == (2 if labels is LABELS else 4)
 
 
 def test_training_draws_new_patches_each_epoch_of_other_scenes_than_validation_which_draws_the_same():
