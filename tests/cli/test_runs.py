@@ -87,6 +87,7 @@ def test_a_run_that_was_moved_goes_on_as_it_was_set_up(lfref, tmp_path):
 # Sweeps.
 
 
+@pytest.mark.slow
 def test_a_sweep_skips_what_is_finished_names_what_failed_and_refuses_other_jobs(lfref, tmp_path, fits, monkeypatch):
     def fail(self):
         if self.trainer.optimizers[0].param_groups[0]["lr"] == 0.02:

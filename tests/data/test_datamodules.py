@@ -58,7 +58,10 @@ def test_a_batch_holds_the_patches_of_as_many_fields_as_asked_for():
         assert batches[0]["labels"].shape == (sizes[0], 2, 3, 8, 8)
 
 
-@pytest.mark.parametrize("labels", [LABELS, RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))])
+RENDERED = RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))
+
+
+@pytest.mark.parametrize("labels", [LABELS, pytest.param(RENDERED, marks=pytest.mark.slow)])
 def test_scenes_that_are_kept_are_those_of_the_first_epoch_in_half_precision(tmp_path, labels):
     made = [simulated(labels, n_fields=2, cache_folder=folder) for folder in (None, str(tmp_path))]
     loaders = [data.train_dataloader() for data in made]
@@ -90,8 +93,7 @@ def test_training_draws_new_patches_each_epoch_of_other_scenes_than_validation_w
 
 
 def test_workers_render_the_labels_that_the_training_process_would():
-    labels = RenderedLabels("rendered", planes_at_alphas((0.5, 2.0)))
-    alone, helped = (simulated(labels=labels, n_fields=2, workers=workers).train_dataloader() for workers in (0, 1))
+    alone, helped = (simulated(labels=RENDERED, n_fields=2, workers=workers).train_dataloader() for workers in (0, 1))
     batches = list(helped)
     helped._iterator._shutdown_workers()
     for one, two in zip(alone, batches, strict=True):
