@@ -109,7 +109,7 @@ HELD_OUT = 2_000_003
 def front(config: DictConfig, folder: Path) -> None:
     """Write `bench.csv`, `scenes.csv`, `planes.csv`, `evaluation.csv`, `machine.json`, two plots and five crops."""
     device, margin, planes = device_of(config.device), config.margin, fixed_planes(config)
-    methods = _methods(config, device)
+    methods = steps.compared_methods(config, device)
     cases: Iterable[EvaluationCase]
     captures = [] if config.input is None else _capture_cases(config, methods, planes, device)
     if config.input is None:
@@ -142,13 +142,6 @@ def front(config: DictConfig, folder: Path) -> None:
         log.info(answer.sentence)
     n_scenes = evaluated["scene"].nunique()
     log.info("%s on %s: %s", counted(len(methods), "method"), counted(n_scenes, "scene"), folder / "bench.csv")
-
-
-def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
-    methods = [*(method.to(device) for method in steps.parts_of(config.methods).values())]
-    methods += steps.checkpoints(config, device)
-    name_apart(methods)
-    return methods
 
 
 def _scene_cases(

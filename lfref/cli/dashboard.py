@@ -16,7 +16,7 @@ from lfref.cli.steps import fixed_planes
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.losses.composite import TERMS
-from lfref.train.callbacks import COUNTS, PICTURE
+from lfref.train.callbacks import PICTURE, SKIPPED
 from lfref.train.modules import LEARNING_RATE, LOSS, MPSNR_OF_STACK, MSSIM_OF_STACK, plane_names
 
 STEP = "trainer/global_step"
@@ -53,7 +53,7 @@ def workspace(planes: FocalPlanes, sweep: str | None, **place: str) -> ws.Worksp
         "Losses": [_curve([f"{stage}/{name}" for stage in ("train", "val")], name) for name in (LOSS, *TERMS)],
         "Learning rate and skipped steps": [
             _curve(LEARNING_RATE, "learning rate", log_y=True),
-            *(_curve(f"train/{name}", name) for name in COUNTS),
+            _curve(SKIPPED, "skipped steps"),
         ],
         "Worst and best patches": [_pictures([PICTURE], "label, prediction, error")],
     }

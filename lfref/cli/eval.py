@@ -14,13 +14,13 @@ from lfref.bench.evaluation import TRUTH
 from lfref.cli import steps
 from lfref.cli.command import command, device_of, log
 from lfref.cli.steps import fixed_planes
-from lfref.data.labels import Labels
-from lfref.errors import InputError, LfrefError, counted
+from lfref.data.labels import OperatorLabels
+from lfref.errors import LfrefError, counted
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
 from lfref.io import atomic
 from lfref.lightfield import LightField
-from lfref.refocuser.refocuser import Refocuser, name_apart
+from lfref.refocuser.refocuser import Refocuser
 from lfref.report import answers, crops, drawing, pictures, plots, tables
 from lfref.report.answers import Answer
 from lfref.report.refocused import mean_of_views
@@ -36,8 +36,8 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     """
     device = device_of(config.device)
     planes = fixed_planes(config)
-    references: dict[str, Labels] = steps.parts_of(config.references)
-    methods = _methods(config, device)
+    references: dict[str, OperatorLabels] = steps.parts_of(config.references)
+    methods = steps.compared_methods(config, device)
     for method in methods:
         method.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
     fields = steps.find_fields(config)
@@ -97,17 +97,6 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     log.info("%s, %s: %s", n_fields, counted(len(methods), "method"), folder / "summary.csv")
     if failure is not None:
         raise failure
-
-
-def _methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
-    networks = steps.checkpoints(config, device)
-    methods = [*networks, *(method.to(device) for method in steps.parts_of(config.methods).values())]
-    name_apart(methods)
-    if not methods:
-        raise InputError(
-            "there must be something to evaluate", remedy="give checkpoint=PATH or +method@methods.NAME=NAME"
-        )
-    return methods
 
 
 @torch.no_grad()

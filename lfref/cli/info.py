@@ -20,7 +20,7 @@ SHEET = "inspection.png"
 def info(config: DictConfig, folder: Path) -> None:
     """Log the properties of each light field, and write `inspection.json` and `inspection.png`."""
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
-    flat_field = None if config.flat_field is None else steps.read_field(Path(config.flat_field), config)
+    flat_field = steps.flat_field_of(config)
 
     def read(_: str, path: Path) -> LightField:
         return steps.read_field(path, config)

@@ -29,7 +29,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
     optional = [name for name in results.OPTIONAL if config[name]]
     if config.video:
         extras.check("av", "video=true")
-    flat_field = steps.flat_field_of(config, refocuser)
+    flat_field = steps.flat_field_of(config, [refocuser])
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
     places = {name: steps.result_folder(folder, name, path, named) for name, path in fields.items()}
     if config.resume is not None:

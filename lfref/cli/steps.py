@@ -28,7 +28,7 @@ from lfref.io import atomic, images, samples, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocuser.load import CPU, load
-from lfref.refocuser.refocuser import Refocuser
+from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report.refocused import brightening
 
 COPIES = 2.2
@@ -191,6 +191,17 @@ def checkpoints(config: DictConfig, device: torch.device = CPU) -> list[Refocuse
     return [load(path, device, net) for path in paths(configs.plain(config.checkpoint))]
 
 
+def compared_methods(config: DictConfig, device: torch.device) -> list[Refocuser]:
+    """The checkpoints, then the methods, on a device; equal names are numbered."""
+    methods = [*checkpoints(config, device), *(method.to(device) for method in parts_of(config.methods).values())]
+    if not methods:
+        raise InputError(
+            "there must be a method", got="none", remedy="give checkpoint=PATH or +method@methods.NAME=NAME"
+        )
+    name_apart(methods)
+    return methods
+
+
 def fixed_planes(config: DictConfig) -> FocalPlanes:
     """The configured planes, the same for all light fields."""
     planes: Planes = configs.build(config.planes)
@@ -205,9 +216,9 @@ def planes_of(planes: Planes, field: LightField) -> FocalPlanes:
     return planes.of(field) if isinstance(planes, AutoPlanes) else planes
 
 
-def flat_field_of(config: DictConfig, refocuser: Refocuser) -> LightField | None:
+def flat_field_of(config: DictConfig, refocusers: Iterable[Refocuser] = ()) -> LightField | None:
     """The flat field that the configuration names, read like the inputs; None if it names none."""
-    return None if config.flat_field is None else read_field(Path(config.flat_field), config, [refocuser])
+    return None if config.flat_field is None else read_field(Path(config.flat_field), config, refocusers)
 
 
 def correct_field(

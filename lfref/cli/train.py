@@ -73,7 +73,7 @@ def _checkpoint(config: DictConfig, own: Run) -> Path | None:
 def build_module(config: DictConfig, data: LightningDataModule) -> Fitting:
     """The module that trains the configured network, with the weights that it starts from."""
     net, loss, optimizer, scheduler, metrics = (
-        configs.build(config[name]) for name in ("net", "loss", "optimizer", "scheduler", "metrics")
+        configs.build(config.get(name)) for name in ("net", "loss", "optimizer", "scheduler", "metrics")
     )
     module: Fitting
     if isinstance(net, Refiner):

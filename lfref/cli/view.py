@@ -12,12 +12,11 @@ from lfref.cli import config as configs
 from lfref.cli import steps
 from lfref.cli.command import command, device_of, log, paths
 from lfref.cli.steps import Planes, planes_of
-from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
 from lfref.io import images, lytro_files
 from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import DisparityMap
-from lfref.refocuser.refocuser import Aperture, Refocuser, name_apart
+from lfref.refocuser.refocuser import Aperture
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
 
@@ -26,10 +25,10 @@ def view(config: DictConfig, folder: Path) -> None:
     """Write a page for each light field; several get a result folder each, and a gallery of the pages."""
     device = device_of(config.device)
     aperture, quality = configs.build(config.aperture), configs.build(config.page_quality)
-    refocusers = [refocuser.to(device) for refocuser in _refocusers(config, aperture)]
+    refocusers = [method.through(aperture) for method in steps.compared_methods(config, device)]
     configured_planes: Planes = configs.build(config.planes)
     fields, named = steps.find_fields(config), paths(configs.plain(config.input))
-    flat_field = steps.flat_field_of(config, refocusers[0])
+    flat_field = steps.flat_field_of(config, refocusers)
 
     def read(_: str, path: Path) -> LightField | Refocused:
         if lytro_files.is_stack(path):
@@ -39,9 +38,9 @@ def view(config: DictConfig, folder: Path) -> None:
         return field
 
     def correct(_: str, field: LightField | Refocused) -> LightField | Refocused:
-        return (
-            field if isinstance(field, Refocused) else steps.correct_field(field, config, flat_field, refocusers[0])[0]
-        )
+        if isinstance(field, Refocused):
+            return field
+        return steps.correct_field(field, config, flat_field, refocusers[0])[0]
 
     def refocus(name: str, field: LightField | Refocused) -> dict[str, Refocused]:
         if isinstance(field, Refocused):
@@ -86,19 +85,6 @@ def _uneven(aperture: Aperture, grid: tuple[int, int]) -> Tensor | None:
     """The weights of an aperture; None if all views count alike, or if there is only one."""
     weights = torch.ones(grid) if grid == (1, 1) else aperture(grid)
     return None if bool((weights == weights.max()).all()) else weights
-
-
-def _refocusers(config: DictConfig, aperture: Aperture) -> list[Refocuser]:
-    """The checkpoint, then the methods; equal names are numbered."""
-    refocusers = steps.checkpoints(config)
-    methods = [method for method in (config.methods or {}).values() if method is not None]
-    refocusers += [configs.build(method).through(aperture) for method in methods]
-    if not refocusers:
-        raise InputError(
-            "a page must show at least one method", got="none", remedy="give method=NAME or checkpoint=RUN"
-        )
-    name_apart(refocusers)
-    return refocusers
 
 
 class LambdaPlanes(FocalPlanes):

@@ -22,7 +22,6 @@ from torch import Tensor
 from lfref.captures import correct as corrections
 from lfref.captures.correct import AUTO, NONE
 from lfref.encoding import LINEAR, Encoding, parsed
-from lfref.errors import FileError
 from lfref.io import atomic, images, lytro_files, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
@@ -85,10 +84,7 @@ def keep(path: Path, array: NDArray) -> None:
 
 def kept(path: Path) -> Tensor:
     """An array that `keep` wrote, mapped into memory."""
-    try:
-        return torch.from_numpy(np.load(path, mmap_mode="c"))
-    except (OSError, ValueError) as error:
-        raise FileError(f"{path} must be an array of the cache", got=str(error), remedy="delete it") from error
+    return torch.from_numpy(np.load(path, mmap_mode="c"))
 
 
 def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = NONE) -> Field:

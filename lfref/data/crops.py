@@ -8,7 +8,7 @@ normalisation would divide by nearly 0. Batches are decoded and get their labels
 import abc
 import math
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
@@ -18,8 +18,8 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler, default_collate
 
 from lfref import encoding as encodings
-from lfref.data.cache import Field, decoded
-from lfref.data.labels import Labels, RenderedLabels
+from lfref.data.cache import Field
+from lfref.data.labels import OperatorLabels, RenderedLabels
 from lfref.encoding import LINEAR
 from lfref.errors import InputError
 from lfref.lightfield import LightField
@@ -40,7 +40,6 @@ class Crop(TypedDict):
     encoding: str
     window: Tensor  # first row and column of the patch in the crop, [2]
     where: str  # light field and top left corner of the patch, NAME@TOP,LEFT
-    resampled: int  # number of flat patches that were drawn before
     labels: NotRequired[Tensor]  # rendered labels of the patch, [N, C, p, p]
 
 
@@ -51,7 +50,6 @@ class Batch(TypedDict):
     labels: Tensor  # [P, N, C, p, p]
     slopes: Tensor  # of the labels' planes, in pixels per view step, float64, [N]
     where: list[str]  # light field and top left corner of each patch, P entries
-    resampled: int  # number of flat patches that were drawn again
 
 
 class Source(abc.ABC):
@@ -72,11 +70,11 @@ class Crops(Dataset[Crop]):
     Args:
         source: The light fields.
         patch: Height and width of a patch in pixels.
-        margin: Function of the grid -> pixels around a patch.
+        margin: Function of the grid -> pixels around a patch; None: 0.
         seed: Seed of the corners.
     """
 
-    def __init__(self, source: Source, patch: int, margin: Callable[[tuple[int, int]], int], seed: int) -> None:
+    def __init__(self, source: Source, patch: int, margin: Callable[[tuple[int, int]], int] | None, seed: int) -> None:
         self.source, self.patch, self.margin, self.seed = source, patch, margin, seed
         self._last: tuple[tuple[int, int], Field] | None = None
 
@@ -106,7 +104,7 @@ class Crops(Dataset[Crop]):
         if free.min() < 0:
             got, remedy = "x".join(map(str, field.size)), "set data.patch smaller"
             raise InputError(f"{field.name} must be at least {self.patch} pixels high and wide", got=got, remedy=remedy)
-        for draw in range(DRAWS):
+        for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
             rows, columns = slice(top, top + self.patch), slice(left, left + self.patch)
             ends = torch.stack(field.samples[..., rows, columns].float().aminmax())
@@ -114,12 +112,12 @@ class Crops(Dataset[Crop]):
                 ends = ends / torch.iinfo(field.samples.dtype).max
             light = field.encoding.decode(ends)
             if not bool(light[1] - light[0] < FLAT):
-                return self.cut(field, top, left, draw)
+                return self.cut(field, top, left)
         return None
 
-    def cut(self, field: Field, top: int, left: int, draws: int = 0) -> Crop:
-        """The crop of the patch at a corner, after so many draws of flat ones."""
-        margin = self.margin(field.grid)
+    def cut(self, field: Field, top: int, left: int) -> Crop:
+        """The crop of the patch at a corner."""
+        margin = 0 if self.margin is None else self.margin(field.grid)
         side = [min(length, self.patch + 2 * margin) for length in field.size]
         first = [
             min(max(0, start - margin), length - own)
@@ -131,7 +129,6 @@ class Crops(Dataset[Crop]):
             encoding=str(field.encoding),
             window=torch.tensor([top - first[0], left - first[1]]),
             where=f"{field.name}@{top},{left}",
-            resampled=draws,
         )
         if field.weight is not None:
             crop["weight"] = field.weight[..., rows, columns].clone()
@@ -140,35 +137,32 @@ class Crops(Dataset[Crop]):
         return crop
 
 
-def collated(crops: Sequence[Crop]) -> dict[str, Any]:
+def collated(crops: list[Crop]) -> dict[str, Any]:
     """A batch of crops; where only some have a weight, the others get ones."""
     weight = next((crop["weight"] for crop in crops if "weight" in crop), None)
     if weight is not None:
         full = 1 if weight.is_floating_point() else torch.iinfo(weight.dtype).max
         for crop in crops:
             crop.setdefault("weight", torch.full_like(weight, full))
-    return dict(default_collate(list(crops)))
+    return dict(default_collate(crops))
 
 
-def labelled(batch: dict[str, Any], labels: Labels | RenderedLabels, patch: int) -> Batch:
+def labelled(batch: dict[str, Any], labels: OperatorLabels | RenderedLabels, patch: int) -> Batch:
     """Decode the crops of a batch, and make their labels, on the device of the samples."""
     views, stacks = [], []
-    for number, (samples, encoding, window) in enumerate(
-        zip(batch["samples"], batch["encoding"], batch["window"].tolist(), strict=True)
-    ):
-        rows, columns = (slice(start, start + patch) for start in window)
-        weight = decoded(batch["weight"][number], LINEAR) if "weight" in batch else None
-        parsed = encodings.parsed(encoding)
-        light = LightField(decoded(samples, parsed), batch["where"][number], weight, is_linear=parsed.is_known)
+    for number, where in enumerate(batch["where"]):
+        rows, columns = (slice(start, start + patch) for start in batch["window"][number].tolist())
+        weight = batch["weight"][number] if "weight" in batch else None
+        field = Field(where, batch["samples"][number], weight, encodings.parsed(batch["encoding"][number]))
+        light = field.light()
         views.append(light.views[..., rows, columns])
-        if isinstance(labels, Labels):
+        if not isinstance(labels, RenderedLabels):
             stacks.append(labels(light)[..., rows, columns])
     return {
         "views": torch.stack(views),
         "labels": torch.stack(stacks) if stacks else batch["labels"],
         "slopes": labels.planes.slopes,
         "where": batch["where"],
-        "resampled": int(batch["resampled"].sum()),
     }
 
 
@@ -226,7 +220,7 @@ def epoch_loader(
     items: Dataset[Any],
     sampler: EpochSampler,
     batch_size: int,
-    collate: Callable[[Sequence[Any]], Any],
+    collate: Callable[[list[Any]], Any],
     workers: int | str,
 ) -> EpochLoader:
     """Batches of a data module; `workers` processes prepare them, `auto`: one, or more for a network on a GPU."""

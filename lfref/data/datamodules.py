@@ -22,8 +22,8 @@ from lfref.captures.correct import NONE
 from lfref.data import cache
 from lfref.data.cache import Field, keep, kept
 from lfref.data.crops import Batch, Crops, EpochLoader, EpochSampler, Source, collated, epoch_loader, labelled
-from lfref.data.labels import Labels, RenderedLabels
-from lfref.errors import InputError, counted
+from lfref.data.labels import OperatorLabels, RenderedLabels
+from lfref.errors import InputError
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.simulator.scene import Scene
@@ -36,16 +36,12 @@ log = logging.getLogger(__name__)
 # training list too, and fields of one set recur in another under new names. So held-out fields are recognised by
 # content. The paper's test set may be absent, so its fields are recognised by name.
 
-_NUMBERS = (
-    "1085 1086 1184 1187 1306 1312 1316 1317 1320 1321 1324 1325 1327 1328 1340 1389 1390 1411 1419 1528 1541 1554 "
-    "1555 1586 1743"
+PAPER_TEST = re.compile(
+    r"img0*(1085|1086|1184|1187|1306|1312|1316|1317|1320|1321|1324|1325|1327|1328|1340|1389|1390|1411|1419|1528|1541|"
+    r"1554|1555|1586|1743)(?!\d)|^(cars|flower1|flower2|rock|seahorse)$"
 )
-_WORDS = ("cars", "flower1", "flower2", "rock", "seahorse")
-PAPER_TEST = (*(f"IMG_{number}_eslf" for number in _NUMBERS.split()), *map(str.capitalize, _WORDS))
-"""Names of the 30 Scenes test set (Kalantari et al. 2016), on which the paper reports."""
-
-
-_NUMBERED = re.compile(rf"img0*({_NUMBERS.replace(' ', '|')})(?!\d)")
+"""Names of the 30 Scenes test set (Kalantari et al. 2016), on which the paper reports, as `without_test_set` reads
+them."""
 
 
 def without_test_set(paths: Sequence[Path]) -> list[Path]:
@@ -54,17 +50,12 @@ def without_test_set(paths: Sequence[Path]) -> list[Path]:
     Case, separators and `eslf` do not matter. `IMG` with a number of the list counts anywhere in the name
     (`IMG-1085 cropped`); `Cars` and the other words count only alone (not `Cars_at_night`).
     """
-    names = (re.sub(r"[\s._-]|eslf", "", path.stem.lower()) for path in paths)
-    return [path for path, name in zip(paths, names, strict=True) if name not in _WORDS and not _NUMBERED.search(name)]
+    return [path for path in paths if not PAPER_TEST.search(re.sub(r"[\s._-]|eslf", "", path.stem.lower()))]
 
 
 def held_out(paths: Sequence[Path], share: float, seed: int) -> tuple[list[Path], list[Path]]:
     """Training and validation fields in the order of `paths`; fields of the paper's test set are in neither."""
     usable = without_test_set(paths)
-    if len(usable) < 2 or not 0 < share < 1:
-        expected = "a split needs two light fields outside the paper's test set and a share in (0, 1)"
-        got, remedy = f"{counted(len(usable), 'field')} and {share}", "add fields, or give data.validation_path"
-        raise InputError(expected, got=got, remedy=remedy)
     count = min(len(usable) - 1, max(1, round(share * len(usable))))
     chosen = set(np.random.default_rng(seed).permutation(len(usable))[:count].tolist())
     train = [path for i, path in enumerate(usable) if i not in chosen]
@@ -91,9 +82,12 @@ class PatchData(LightningDataModule, abc.ABC):
             patch is a light field to the labels, so that a network learns what to do at the border of a frame.
     """
 
+    is_linear = True
+    """Whether views are linear light, or encoded samples as in their files."""
+
     def __init__(
         self,
-        labels: Labels | RenderedLabels,
+        labels: OperatorLabels | RenderedLabels,
         patch: int = 192,
         patches_per_field: int = 4,
         fields_per_batch: int = 1,
@@ -109,11 +103,6 @@ class PatchData(LightningDataModule, abc.ABC):
         self.workers = workers
         self.seed = seed
         self.label_margin = label_margin
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether views are linear light, or encoded samples as in their files."""
-        return True
 
     @abc.abstractmethod
     def sources(self) -> tuple[Source, Source]:
@@ -136,14 +125,10 @@ class PatchData(LightningDataModule, abc.ABC):
         return labelled(batch, self.labels, self.patch)
 
     def _loader(self, source: Source, order_seed: int | None) -> EpochLoader:
-        crops = Crops(source, self.patch, self.labels.margin if self.label_margin else _no_margin, self.seed)
+        crops = Crops(source, self.patch, self.labels.margin if self.label_margin else None, self.seed)
         sampler = EpochSampler(len(source), order_seed, self.patches_per_field)
         size = self.fields_per_batch * self.patches_per_field
         return epoch_loader(self, crops, sampler, size, collated, self.workers)
-
-
-def _no_margin(grid: tuple[int, int]) -> int:
-    return 0
 
 
 class FolderData(PatchData):
@@ -163,7 +148,7 @@ class FolderData(PatchData):
     def __init__(
         self,
         path: str,
-        labels: Labels,
+        labels: OperatorLabels,
         cache_folder: str,
         validation_path: str | None = None,
         validation_share: float = 0.1,
@@ -172,22 +157,16 @@ class FolderData(PatchData):
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
-        if any((reader or {}).get(name) is not None for name in ("positions", "spacing")):
-            remedy = "leave out reader.positions and reader.spacing"
-            raise InputError("light fields to learn from must stand on an even grid", got="positions", remedy=remedy)
+        if {"positions", "spacing"} & {name for name, value in (reader or {}).items() if value is not None}:
+            raise InputError("light fields to learn from must stand on an even grid", got="reader.positions or spacing")
         self.path = Path(path).expanduser()
         self.validation_path = None if validation_path is None else Path(validation_path).expanduser()
         self.validation_share = validation_share
         self.cache_folder = Path(cache_folder).expanduser()
-        self.open = functools.partial(
-            cache.cached, options=dict(reader or {}), folder=self.cache_folder, correct=correct
-        )
+        options = dict(reader or {})
+        self.is_linear = options.get("encoding") != "none"
+        self.open = functools.partial(cache.cached, options=options, folder=self.cache_folder, correct=correct)
         """(path) -> light field, through the cache."""
-
-    @property
-    def is_linear(self) -> bool:
-        """As in `PatchData`: false if files are read without decoding them."""
-        return self.open.keywords["options"].get("encoding") != "none"
 
     def prepare_data(self) -> None:
         """Decode the fields that the cache lacks. Lightning calls this first, in one process per machine."""
@@ -206,9 +185,9 @@ class FolderData(PatchData):
         for reason, paths in (("in the paper's test set", test_set), ("held out too", set(train).difference(clean))):
             if paths:
                 log.warning("left out of training, %s: %s", reason, ", ".join(sorted(path.name for path in paths)))
-        if not clean:
-            remedy = "hold out other fields than those you train on"
-            raise InputError("no light field is left to train on", remedy=remedy)
+        if not (clean and held):
+            remedy = "add fields, or hold out other ones by data.validation_path"
+            raise InputError("there must be light fields to train on and others to hold out", remedy=remedy)
         return FolderSource(clean, self.open), FolderSource(held, self.open)
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:
@@ -236,10 +215,6 @@ class FolderSource(Source):
         return self.open(self.paths[index])
 
 
-HELD_OUT = 1 << 32
-"""Random stream of held-out scenes that are equal for every seed: larger than any seed of a training."""
-
-
 class SimulatedData(PatchData):
     """Patches of simulated scenes: new scenes in every training epoch, and fixed held-out scenes.
 
@@ -248,7 +223,6 @@ class SimulatedData(PatchData):
         n_fields: Scenes per training epoch.
         n_validation: Number of held-out scenes.
         scenes: Distribution of the scenes, or one scene.
-        validation_scenes: Distribution of held-out scenes, equal for every seed; None: other scenes of `scenes`.
         correct: `none`, `auto` (the defects of each light field), or a file of corrections.
         cache_folder: Folder in which scenes are kept, so that all epochs train on the same ones; None: new ones.
         **options: Arguments of `PatchData`.
@@ -256,25 +230,21 @@ class SimulatedData(PatchData):
 
     def __init__(
         self,
-        labels: Labels | RenderedLabels,
+        labels: OperatorLabels | RenderedLabels,
         n_fields: int = 64,
         n_validation: int = 8,
         scenes: Scenes | Scene = RandomScenes(),  # noqa: B008  frozen
-        validation_scenes: Scenes | Scene | None = None,
         correct: str = NONE,
         cache_folder: str | None = None,
         **options: Any,
     ) -> None:
         super().__init__(labels, **options)
-        # Held-out scenes have a random stream of their own.
-        held, stream = (scenes, self.seed + 1_000_000) if validation_scenes is None else (validation_scenes, HELD_OUT)
-        if isinstance(held, Scene | Fixed) and validation_scenes is not None:
-            stream = 0  # the scenes as they are
         planes = labels.planes.values if isinstance(labels, RenderedLabels) else ()
         kept_in = None if cache_folder is None else Path(cache_folder).expanduser()
+        # Held-out scenes have a random stream of their own.
         self.streams = (
             SimulatedSource(n_fields, self.seed, scenes, planes, correct, kept_in),
-            SimulatedSource(n_validation, stream, held, planes, correct, kept_in),
+            SimulatedSource(n_validation, self.seed + 1_000_000, scenes, planes, correct, kept_in),
         )
 
     def sources(self) -> tuple[Source, Source]:

@@ -5,7 +5,6 @@ field. A Fourier slice depends on every pixel of its input, so its patch labels 
 ringing from the border of the crop; `docs/refocusing.md` states by how much.
 """
 
-import abc
 import math
 from dataclasses import dataclass
 
@@ -18,42 +17,28 @@ from lfref.refocus import footprint
 from lfref.refocuser.refocuser import Refocuser
 
 
-class Labels(abc.ABC):
-    """Source of the refocused stack that a network should learn."""
-
-    name: str
-    """Name of the labels in tables and legends."""
-    planes: FocalPlanes
-    """The planes of a label."""
-
-    @abc.abstractmethod
-    def margin(self, grid: tuple[int, int]) -> int:
-        """Pixels around a patch that its label depends on, for (V, U) view rows and columns."""
-
-    @abc.abstractmethod
-    def __call__(self, light: LightField) -> Tensor:
-        """The label of a light field, [N, C, H, W], on its device."""
-
-
 @dataclass(frozen=True)
-class OperatorLabels(Labels):
-    """Labels made by a refocuser, named after it."""
+class OperatorLabels:
+    """Labels made by a refocuser, named after it; other makers of labels have the same names."""
 
     refocuser: Refocuser
     planes: FocalPlanes
 
     @property
-    def name(self) -> str:  # type: ignore[override]
-        """Name of the refocuser."""
+    def name(self) -> str:
+        """Name of the labels in tables and legends."""
         return self.refocuser.name
 
     def margin(self, grid: tuple[int, int]) -> int:
-        """Sum, in pixels, of the outermost view's shift, one pixel for interpolation, and the blur of a view's cell."""
+        """Pixels around a patch that its label depends on, for (V, U) view rows and columns.
+
+        They are the outermost view's shift, one pixel for interpolation, and the blur of a view's cell.
+        """
         slopes = self.planes.slopes
         return math.ceil(geometry.corner_shift(slopes, grid)) + 1 + footprint.radius(self.refocuser.cell_width(slopes))
 
     def __call__(self, light: LightField) -> Tensor:
-        """The refocuser's stack, with weighted samples."""
+        """The label of a light field, [N, C, H, W], on its device."""
         return self.refocuser(light, self.planes.slopes)
 
 

@@ -1,7 +1,8 @@
 """Sets of planes for training: classical pictures with their features, and the truth.
 
 Drawing a scene costs more than a step of training, so a set is made once, into the cache. The recipe and its number
-determine an item. `PlaneData` draws crops of a set for training, and whole planes for validation.
+determine an item. `PlaneData` draws crops of a set for training, and whole planes for validation; a batch mixes light
+fields, since planes of one have similar errors.
 Letters: `N` planes, `B` planes of a batch, `K` channels of features, `C H W` channel, pixel row and column.
 """
 
@@ -21,7 +22,7 @@ from rich.progress import track
 from safetensors import safe_open
 from safetensors.torch import save
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader, Dataset, default_collate
 
 from lfref.captures import correct as corrections
 from lfref.captures.correct import AUTO
@@ -160,12 +161,8 @@ def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), col
         return Item(**{name: file.get_slice(name)[planes, :, rows, columns] for name in names}, slopes=slopes)
 
 
-IMAGES = "features", "pictures", "error_scale", "missing"
-"""Parts of an item that are images, one a plane."""
-
-
 class PlaneBatch(TypedDict):
-    """Crops of planes."""
+    """Planes of light fields, or crops of them; as an entry of a set, without the first axis."""
 
     features: Tensor  # of the pictures, [B, K, H, W]
     pictures: Tensor  # classical pictures that the refiner corrects, [B, C, H, W]
@@ -174,45 +171,32 @@ class PlaneBatch(TypedDict):
     where: list[str]  # names of the item's file and its plane, B entries
 
 
-class PlaneCrops(Dataset[PlaneBatch]):
-    """Random crops in random orientations, one plane per entry, repeatable by (seed, epoch, place).
+class Planes(Dataset[dict[str, Any]]):
+    """All planes of some items, one per entry: whole, or random crops in random orientations.
 
-    Planes of one light field have similar errors, so a batch mixes planes of many light fields. All items must have the
-    same number of planes and the same size.
+    Crops are repeatable by (seed, epoch, place). All items must have the same number of planes and the same size.
     """
 
-    def __init__(self, paths: Sequence[Path], crop: int, seed: int) -> None:
+    def __init__(self, paths: Sequence[Path], crop: int | None = None, seed: int = 0) -> None:
         self.paths, self.crop, self.seed = paths, crop, seed
         self.n_planes, _, *self.size = read(paths[0]).pictures.shape
 
     def __len__(self) -> int:
         return len(self.paths) * self.n_planes
 
-    def __getitem__(self, key: tuple[int, ...]) -> PlaneBatch:
+    def __getitem__(self, key: tuple[int, ...]) -> dict[str, Any]:
         epoch, place, _ = key
         path, plane = self.paths[place // self.n_planes], place % self.n_planes
-        random = np.random.default_rng((self.seed, epoch, place))
-        firsts = (int(random.integers(length - self.crop + 1)) for length in self.size)
-        box = (slice(first, first + self.crop) for first in firsts)
-        parts = read(path, slice(plane, plane + 1), *box)[:-1]
-        images = turned(torch.cat(parts, 1).float(), random).split([part.shape[1] for part in parts], 1)
-        return PlaneBatch(**dict(zip(IMAGES, images, strict=True)), where=[f"{path.name}, plane {plane}"])  # type: ignore
-
-
-class WholePlanes(Dataset[PlaneBatch]):
-    """All planes of an item, not cropped."""
-
-    def __init__(self, paths: Sequence[Path]) -> None:
-        self.paths = paths
-
-    def __len__(self) -> int:
-        return len(self.paths)
-
-    def __getitem__(self, key: tuple[int, ...]) -> PlaneBatch:
-        path = self.paths[key[1]]
-        images = [part.float() for part in read(path)[:-1]]
-        where = [f"{path.name}, plane {plane}" for plane in range(len(images[0]))]
-        return PlaneBatch(**dict(zip(IMAGES, images, strict=True)), where=where)  # type: ignore
+        random, box = np.random.default_rng((self.seed, epoch, place)), [slice(None), slice(None)]
+        if self.crop is not None:
+            firsts = (int(random.integers(length - self.crop + 1)) for length in self.size)
+            box = [slice(first, first + self.crop) for first in firsts]
+        parts = read(path, slice(plane, plane + 1), *box)._asdict()
+        del parts["slopes"]
+        images = torch.cat([*parts.values()], 1)[0].float()
+        images = images if self.crop is None else turned(images, random)
+        named = zip(parts, images.split([part.shape[1] for part in parts.values()]), strict=True)
+        return dict(named, where=f"{path.name}, plane {plane}")
 
 
 def turned(image: Tensor, random: np.random.Generator) -> Tensor:
@@ -220,12 +204,6 @@ def turned(image: Tensor, random: np.random.Generator) -> Tensor:
     down, across, over = (bool(draw) for draw in random.integers(2, size=3))
     image = image.flip([axis for axis, is_flipped in ((-2, down), (-1, across)) if is_flipped])
     return image.mT if over else image
-
-
-def together(items: Sequence[PlaneBatch]) -> PlaneBatch:
-    """One batch of the planes of several items."""
-    images = {name: torch.cat([item[name] for item in items]) for name in IMAGES}  # type: ignore
-    return PlaneBatch(**images, where=[place for item in items for place in item["where"]])  # type: ignore
 
 
 class PlaneData(LightningDataModule):
@@ -271,13 +249,16 @@ class PlaneData(LightningDataModule):
 
     def train_dataloader(self) -> EpochLoader:
         """Crops in a new order and at new places each epoch."""
-        crops = PlaneCrops(self.trained, self.crop, self.seed)
-        sampler = EpochSampler(len(crops), self.seed)
-        return epoch_loader(self, crops, sampler, self.planes_per_batch, together, self.workers)
+        return self._loader(Planes(self.trained, self.crop, self.seed), self.seed, self.planes_per_batch)
 
     def val_dataloader(self) -> EpochLoader:
-        """The planes of each held-out item as a whole."""
-        return epoch_loader(self, WholePlanes(self.held), EpochSampler(len(self.held), None), 1, together, self.workers)
+        """The planes of the held-out items as a whole, all of one item together."""
+        planes = Planes(self.held)
+        return self._loader(planes, None, planes.n_planes)
+
+    def _loader(self, planes: Planes, order_seed: int | None, batch_size: int) -> EpochLoader:
+        sampler = EpochSampler(len(planes), order_seed)
+        return epoch_loader(self, planes, sampler, batch_size, default_collate, self.workers)
 
 
 def _make_item(recipe: Recipe, path: Path) -> str:

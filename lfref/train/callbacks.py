@@ -32,8 +32,8 @@ from lfref.io import atomic, images, tensor_files
 
 log = logging.getLogger(__name__)
 
-COUNTS = {"skipped": "max", "resampled": "sum"}
-"""Counts of `StepGuard`, logged as `train/NAME` and kept across a resume -> how processes combine them."""
+SKIPPED = "train/skipped"
+"""Name under which the number of skipped steps is logged."""
 PICTURE = "val/stack"
 """Name of the picture of patches that loggers get."""
 
@@ -57,8 +57,6 @@ class StepGuard(Callback):
         """Number of skipped steps."""
         self.in_a_row = 0
         """Number of steps skipped since the last complete step."""
-        self.resampled = 0
-        """Number of flat patches that were replaced by other patches."""
         self._places: list[str] = []
         self._losses: list[Tensor] = []
         self._statistics: list[Tensor] = []
@@ -68,7 +66,6 @@ class StepGuard(Callback):
         if not self._places:
             self._statistics = [buffer.clone() for buffer in module.buffers()]
         self._places += batch["where"]
-        self.resampled += batch.get("resampled", 0)
 
     def on_before_backward(self, trainer: Trainer, module: Any, loss: Tensor) -> None:
         """Record the loss; one that is not finite makes all gradients NaN."""
@@ -82,7 +79,8 @@ class StepGuard(Callback):
         Raises:
             LfrefError: The weights are not finite, or too many steps in a row were skipped.
         """
-        is_loss_finite, norm = torch.stack(self._losses).isfinite().all(), gradient_norm(module)
+        is_loss_finite = torch.stack(self._losses).isfinite().all()
+        norm = nn.utils.get_total_norm([each.grad for each in module.parameters() if each.grad is not None])
         places, self._places, self._losses = self._places, [], []
         if norm.isfinite():
             self.in_a_row = 0
@@ -105,9 +103,8 @@ class StepGuard(Callback):
             )
 
     def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
-        """Log the counts."""
-        for name, over_processes in COUNTS.items():
-            module.log(f"train/{name}", float(getattr(self, name)), sync_dist=True, reduce_fx=over_processes)
+        """Log the number of skipped steps."""
+        module.log(SKIPPED, float(self.skipped), sync_dist=True, reduce_fx="max")
 
     def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
         """Refuse to write weights that are not finite.
@@ -119,11 +116,11 @@ class StepGuard(Callback):
 
     def state_dict(self) -> dict[str, int]:
         """The counts, as a checkpoint keeps them."""
-        return {name: getattr(self, name) for name in (*COUNTS, "in_a_row")}
+        return {"skipped": self.skipped, "in_a_row": self.in_a_row}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
         """Restore the counts."""
-        vars(self).update(state)
+        self.skipped, self.in_a_row = state["skipped"], state["in_a_row"]
 
 
 class BestCheckpoint(ModelCheckpoint):
@@ -137,12 +134,6 @@ class BestCheckpoint(ModelCheckpoint):
 
     def _here(self, path: str) -> str:
         return str(Path(self.dirpath or "") / Path(path).name) if path else ""
-
-
-def gradient_norm(module: nn.Module) -> Tensor:
-    """Norm of all gradients, in their type, a scalar."""
-    gradients = [parameter.grad for parameter in module.parameters() if parameter.grad is not None]
-    return nn.utils.get_total_norm(gradients) if gradients else torch.zeros(())
 
 
 def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:

@@ -65,11 +65,6 @@ class Fitting(LightningModule, abc.ABC):
     def payload(self) -> dict[str, Any]:
         """Entry of checkpoints from which `lfref.load` builds the network again."""
 
-    def forward(self, *inputs: Tensor) -> Tensor:
-        """The network's output."""
-        output: Tensor = self.net(*inputs)
-        return output
-
     def update_metrics(self, images: Tensor, truth: Tensor) -> None:
         """Update the further metrics with validation images [..., C, H, W] and log them.
 
@@ -101,10 +96,10 @@ class Fitting(LightningModule, abc.ABC):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Use this run's settings of optimiser and schedule, not the checkpoint's."""
-        n_steps = {
-            "epoch": checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"],
-            "step": checkpoint["global_step"],
-        }
+        loop = checkpoint["loops"]["fit_loop"]
+        epochs, is_whole = loop["epoch_progress"]["current"], loop["epoch_loop.batch_progress"]["is_last_batch"]
+        # After the last batch of an epoch, Lightning goes on with the next one, without a step of the schedule.
+        n_steps = {"epoch": epochs["started" if is_whole else "processed"], "step": checkpoint["global_step"]}
         optimizer, schedule = self._optimization([[nn.Parameter(torch.zeros(()))] for _ in self.parameter_groups()])
         refit(checkpoint, optimizer, schedule, n_steps[interval_of(schedule)])
 
@@ -224,11 +219,11 @@ class Refining(Fitting):
 
     def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
         """The loss of one batch."""
-        return self._loss(batch, self(batch["features"], batch["pictures"], batch["error_scale"]), "train")
+        return self._loss(batch, self.net(batch["features"], batch["pictures"], batch["error_scale"]), "train")
 
     def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
         """Log the loss, the PSNR and its gain over the pictures for one held-out light field."""
-        output = self(batch["features"], batch["pictures"], batch["error_scale"])
+        output = self.net(batch["features"], batch["pictures"], batch["error_scale"])
         self._loss(batch, output, "val")
         truth = batch["pictures"] + batch["missing"]
         # Pixels that may not be corrected count as right.

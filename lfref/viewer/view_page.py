@@ -176,7 +176,10 @@ def page_content(
     slopes, confidence = (values.detach().double().cpu().numpy() for values in first.slope_and_confidence)
     near = first.near_sign
     values = [first.planes.values[plane] for plane in first.by_slope]
-    start = _start(values, slopes, _interest(first, near * slopes, confidence))
+    looked_at = float(slopes.ravel()[int(_interest(first, near * slopes, confidence).argmax())])
+    focus = min(max(looked_at, values[0]), values[-1])
+    cameras = Cameras.from_metadata(first.field.metadata)
+    at_zero, growth = (0.0, 0.0) if cameras is None else cameras.dioptres(first.field.size)
     middle = first.field.views[tuple(length // 2 for length in first.field.grid)]
     small = coding.smallest(first.encoded(middle)).coding
     encode = small.uri if len(methods) == 1 else LOSSLESS.uri
@@ -189,7 +192,7 @@ def page_content(
         "crop": _crop(first.field),
         "slopes": values,
         "near": near,
-        "dioptres": _dioptres(first.field, near),
+        "dioptres": None if cameras is None else [at_zero, near * growth],
         "shape": "square" if aperture is None else "own",
         "aperture": None if aperture is None else (aperture / aperture.max()).double().round(decimals=4).tolist(),
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
@@ -197,21 +200,13 @@ def page_content(
             {"name": name, "planes": [encode(refocused.encoded(refocused.shown[plane])) for plane in first.by_slope]}
             for name, refocused in methods.items()
         ],
-        "start": start,
+        "start": {"slope": round(focus, 4), "plane": int(np.abs(np.asarray(values) - focus).argmin())},
         "depth": _depth(slopes, confidence),
         "sharp": small.uri(first.encoded(first.sharp)),
         "map": small.uri(first.disparity_picture),
         "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(pictures.coloured(bar, *ends))},
         "views": _views(first, slopes, small, quality or ViewQuality()),
     }
-
-
-def _dioptres(field: LightField, near: int) -> list[float] | None:
-    """1 / distance at slope 0 and its growth per slope, in 1 / metres; None where the cameras are not known."""
-    if (cameras := Cameras.from_metadata(field.metadata)) is None:
-        return None
-    at_zero, growth = cameras.dioptres(field.size)
-    return [at_zero, near * growth]
 
 
 def _interest(refocused: Refocused, nearness: NDArray[np.floating], confidence: NDArray[np.floating]) -> Tensor:
@@ -222,12 +217,6 @@ def _interest(refocused: Refocused, nearness: NDArray[np.floating], confidence: 
     low, high = np.quantile(nearness, (0.02, 0.98))
     near = torch.from_numpy(((nearness - low) / max(high - low, 1e-9)).clip(0, 1))
     return central * (0.5 + near) * torch.from_numpy(confidence)
-
-
-def _start(planes: Sequence[float], slopes: NDArray[np.floating], interest: Tensor) -> dict[str, float]:
-    """The slope of what is looked at most, within the planes, and the plane nearest to it."""
-    slope = min(max(float(slopes.ravel()[int(interest.argmax())]), planes[0]), planes[-1])
-    return {"slope": round(slope, 4), "plane": int(np.abs(np.asarray(planes) - slope).argmin())}
 
 
 def _crop(field: LightField) -> list[float]:

@@ -39,8 +39,6 @@ def test_a_colour_error_is_that_of_the_means_of_the_channels_and_black_ones_do_n
     # The red is .05 of .5 off, the green .04 of .2; the blue has no brightness to be a share of.
     assert accuracy.colour_error(stack, label).tolist() == pytest.approx([(0.1 + 0.2) / 2, 0], abs=1e-6)
     assert accuracy.colour_error(stack, torch.zeros(2, 3, 12, 12)).isnan().all()
-    row = next(accuracy.plane_rows("field", {"a": stack}, {"b": label}, PLANES))
-    assert row["colour_error"] == pytest.approx(0.15)
 
 
 def plane_table(*rows):
@@ -57,10 +55,6 @@ def test_summaries_are_means_over_the_planes_of_each_group_also_without_slope_0(
             ("a", "net", "sum", 0.5, 70.0, 1.0, 0.3),
         )
     )
-    assert summary.columns.tolist() == [
-        "light_field", "method", "reference", "mpsnr_db", "mssim", "nonzero_mpsnr_db", "nonzero_mssim",
-        "explained", "explained_near", "explained_wide", "colour_error",
-    ]  # fmt: skip
     assert summary["explained"].isna().all()  # there is no mean of views
     shown = summary.drop(columns=["explained", "explained_near", "explained_wide"]).fillna(-1)
     assert shown.round(9).to_numpy().tolist() == [

@@ -99,12 +99,9 @@ def test_an_effect_of_the_sensor_is_compared_with_the_truth_developed_like_its_v
 
 def test_means_leave_planes_or_join_them(table):
     by_plane, both = causes.summary(table, "alpha", "slope"), causes.summary(table)
-    assert both.columns.tolist() == ["cause", "method", "is_base", "psnr_db", "cost_db", "alone_db", "won_db", "scenes"]
     assert both["scenes"].tolist() == [2] * 12 + [1] * 4
     assert len(by_plane) == 2 * len(both)
     points = table.query("cause == 'points' and is_base")
     assert both["cost_db"][0] == pytest.approx(points["cost_db"].mean())
     assert math.isnan(both.query("cause == 'border'")["alone_db"].iloc[0])
-    bright = causes.summary(table.assign(psnr_db=[100.0] + [60.0] * (len(table) - 1)))
-    assert bright["psnr_db"].max() < 70  # the one PSNR of 100 dB counts as 70
     assert (causes.summary(table.assign(psnr_db=100.0))["psnr_db"] == 70).all()

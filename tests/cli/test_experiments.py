@@ -1,4 +1,4 @@
-"""Every experiment, sweep and setup of the pages can be trained, tried by one batch each."""
+"""Every experiment, label, sweep and variant of the pages can be trained, tried by one batch each."""
 
 import importlib
 import sys
@@ -10,12 +10,12 @@ import yaml
 from lfref.cli import config as configs
 from lfref.cli import train as command
 from lfref.errors import CheckpointError
-from lfref.train.modules import Refining, Refocusing
-from tests.cli.conftest import TINY, TINY_DATA
+from lfref.train.modules import Fitting
+from tests.cli.conftest import TINY_DATA, TINY_NET
 from tests.conftest import ROOT
 
 sys.path.append(str(ROOT / "benchmarks"))
-ablations, gpu = (importlib.import_module(name) for name in ("ablations", "gpu"))
+ablations = importlib.import_module("ablations")
 
 FAST = (
     "trainer.fast_dev_run=1",
@@ -27,9 +27,11 @@ FAST = (
 )
 WHOLE = ("data.patch=64", "data.cache_folder=null", "trainer.precision=32-true")
 """Crops that the views of alpha .125 do not leave, no scenes kept, and a precision that Lightning's summary knows."""
-EXPERIMENTS = sorted(
-    path.stem for path in (configs.directory() / "experiment").glob("*.yaml") if path.stem != "refiner"
-)
+EXPERIMENTS = [
+    [f"experiment={path.stem}", *WHOLE]
+    for path in sorted((configs.directory() / "experiment").glob("*.yaml"))
+    if path.stem != "refiner"
+]
 
 
 def thinned(choices):
@@ -40,31 +42,40 @@ def thinned(choices):
 @pytest.fixture
 def losses(monkeypatch):
     """The loss of every training step that is taken."""
-    seen, step = [], Refocusing.training_step
+    seen, log = [], Fitting.log_stage
 
-    def watched(self, batch, batch_index):
-        seen.append(step(self, batch, batch_index))
-        return seen[-1]
+    def watched(self, stage, values, batch_size):
+        seen.extend([values["loss"]] if stage == "train" else [])
+        log(self, stage, values, batch_size)
 
-    monkeypatch.setattr(Refocusing, "training_step", watched)
+    monkeypatch.setattr(Fitting, "log_stage", watched)
     return seen
 
 
-@pytest.mark.parametrize("experiment", thinned(EXPERIMENTS))
-def test_every_experiment_passes_a_fast_dev_run(composed, tmp_path, losses, experiment):
-    config = composed("train", f"experiment={experiment}", *TINY_DATA, *WHOLE, *FAST)
-    command.train(config, tmp_path)
+SMALL = ("net.widths=[8,8]", "net.stem_width=9")
+LABELS = [[*TINY_NET, f"label={path.stem}"] for path in sorted((configs.directory() / "label").glob("*.yaml"))]
+SWEEPS = [
+    [*TINY_NET, f"{name}={entry['values'][-1]}"]
+    for path in sorted(configs.directory("sweeps").glob("*.yaml"))
+    if path.stem != "bayes"  # which only wandb draws
+    for name, entry in yaml.safe_load(path.read_text())["parameters"].items()
+]
+VARIANTS = [[*member.overrides, *WHOLE, *SMALL] for member in ablations.members(1)]
+CHOICES = [choice for kind in (EXPERIMENTS, LABELS, SWEEPS, VARIANTS) for choice in thinned(kind)]
+
+
+@pytest.mark.parametrize("words", CHOICES, ids=" ".join)
+def test_every_experiment_label_sweep_and_variant_passes_a_fast_dev_run(composed, tmp_path, losses, words):
+    command.train(composed("train", *TINY_DATA, *words, *FAST), tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
     assert wandb.run is None
 
 
-def test_a_refiner_passes_a_fast_dev_run(composed, tmp_path, monkeypatch):
+def test_a_refiner_passes_a_fast_dev_run(composed, tmp_path, losses):
     small = (
         "method@data.recipe.base=shift_and_sum",
         "data.recipe.scenes.camera.size=[40,40]",
         "data.recipe.grids=[[3,3]]",
-    )
-    data = (
         f"data.cache_folder={tmp_path}/cache",
         "data.n_fields=2",
         "data.n_validation=1",
@@ -72,52 +83,10 @@ def test_a_refiner_passes_a_fast_dev_run(composed, tmp_path, monkeypatch):
         "net.width=8",
         "trainer.precision=32-true",
     )
-    losses, step = [], Refining.training_step
-
-    def watched(self, batch, batch_index):
-        losses.append(step(self, batch, batch_index))
-        return losses[-1]
-
-    monkeypatch.setattr(Refining, "training_step", watched)
-    command.train(composed("train", "experiment=refiner", *small, *data, *FAST, "~callbacks.average"), tmp_path)
+    command.train(composed("train", "experiment=refiner", *small, *FAST, "~callbacks.average"), tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
     with pytest.raises(CheckpointError, match=r"refiner.safetensors: .* must be"):  # the shipped network is wider
-        command.train(composed("train", "experiment=refiner", "init_from=refiner", *small, *data, *FAST), tmp_path)
-
-
-LABELS = [[f"label={path.stem}"] for path in sorted((configs.directory() / "label").glob("*.yaml"))]
-SWEEPS = [
-    [f"{name}={entry['values'][-1]}" for name, entry in parameters.items()]
-    for path in sorted(configs.directory("sweeps").glob("*.yaml"))
-    if path.stem != "bayes"  # which only wandb draws
-    for parameters in [yaml.safe_load(path.read_text())["parameters"]]
-]
-
-
-@pytest.mark.parametrize("words", thinned([*LABELS, *SWEEPS]), ids=" ".join)
-def test_every_label_source_and_sweep_passes_a_fast_dev_run(composed, tmp_path, losses, words):
-    command.train(composed("train", *TINY, *FAST, *words), tmp_path)
-    assert [bool(loss.isfinite()) for loss in losses] == [True]
-
-
-@pytest.mark.parametrize("member", thinned(list(ablations.members(1))), ids=lambda member: member.variant)
-def test_every_variant_of_the_page_on_ablations_passes_a_fast_dev_run(composed, tmp_path, losses, member):
-    small = ("net.widths=[8,8]", "net.stem_width=9")
-    command.train(composed("train", *member.overrides, *TINY_DATA, *WHOLE, *small, *FAST), tmp_path)
-    assert [bool(loss.isfinite()) for loss in losses] == [True]
-
-
-def test_every_command_of_the_steps_on_a_gpu_composes(composed):
-    for _, words in gpu.steps(epochs=2):
-        if words[: len(gpu.LFREF)] == gpu.LFREF:
-            name, *overrides = words[len(gpu.LFREF) :]
-            assert composed(name, *overrides).folder
-
-
-def test_the_results_of_the_page_are_those_of_its_variants():
-    rows = ablations.results(ablations.RESULTS)
-    assert set(rows["variant"]) <= set(ablations.VARIANTS)
-    assert not rows.duplicated(["variant", "seed"]).any()
+        command.train(composed("train", "experiment=refiner", "init_from=refiner", *small, *FAST), tmp_path)
 
 
 def test_the_papers_experiment_makes_its_choices(composed):

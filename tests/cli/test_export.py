@@ -1,4 +1,4 @@
-"""`lfref export`: a file that makes the pictures of its refocuser, or one line."""
+"""`lfref export`: a file that makes the pictures of its refocuser."""
 
 import pytest
 import torch
@@ -25,20 +25,3 @@ def test_a_checkpoint_becomes_a_file_that_loads(format, lfref, tmp_path):
     light = cases.FIELDS[0]
     loaded = load(tmp_path / "run" / f"small.{format}")
     torch.testing.assert_close(loaded(light), cases.network()(light), atol=1e-4, rtol=0)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("format=tensorrt",), "suffix"),
-        (("method=fourier_slice",), "network"),
-        (("method=refiner",), "refiner"),
-        (("method=separable_wiener", "format=safetensors"), "refiners"),
-    ],
-)
-def test_what_cannot_be_exported_is_a_line_and_no_file(words, message, lfref, tmp_path):
-    status, errors = lfref("export", *words, f"output={tmp_path}/run")
-    assert status != 0
-    assert message in errors
-    assert "Traceback" not in errors
-    assert not [path for path in tmp_path.glob("run/*") if path.suffix in (".onnx", ".pt2", ".safetensors")]

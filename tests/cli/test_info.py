@@ -1,9 +1,8 @@
-"""`lfref info`: lines, JSON and a sheet; several light fields, and what is no light field."""
+"""`lfref info`: lines, JSON and a sheet."""
 
 import json
 
 import pytest
-import torch
 
 from lfref.io import write
 from lfref.lightfield import LightField
@@ -26,10 +25,3 @@ def test_a_light_field_is_told_and_drawn(lfref, scene, tmp_path):
     assert "slopes" in lines
     assert "px per view step" in lines
     assert (tmp_path / "out" / "inspection.png").stat().st_size > 50_000
-
-
-def test_several_have_a_folder_each(lfref, scene, tmp_path):
-    flat = write.write(tmp_path / "flat.exr", LightField(torch.full((3, 3, 3, 40, 50), 0.5)))
-    assert lfref("info", scene, flat, f"output={tmp_path}/out")[0] == 0
-    assert json.loads((tmp_path / "out" / "flat" / "inspection.json").read_text())["slopes"] is None
-    assert (tmp_path / "out" / "shards" / "inspection.png").is_file()

@@ -8,7 +8,7 @@ import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from lfref.cli import config as configs
-from lfref.cli.main import RUN, overrides, rewritten
+from lfref.cli.main import overrides, rewritten
 
 SWEEPS = configs.directory("sweeps")
 NAMES = sorted(path.stem for path in SWEEPS.glob("*.yaml") if path.stem != "bayes")  # which only wandb draws
@@ -39,10 +39,10 @@ def test_a_path_is_taken_as_it_is(tmp_path, name):
         ("refocus", ["output=null"], {"output": None}),
         ("refocus", ["./a=b"], {"input": "./a=b"}),
         ("refocus", ["slopes=[-2,0,2]"], {"planes": "slopes", "planes.slopes": [-2, 0, 2]}),
-        ("refocus", ["slopes=1,2"], {"planes": "slopes", "planes.slopes": [1, 2]}),
+        ("report", ["run=runs/mine"], {"runs": "runs/mine"}),
+        ("eval", ["run=runs/mine"], {"checkpoint": "runs/mine"}),
         ("refocus", ["alphas=3"], {"planes": "alphas", "planes.alphas": [3]}),
         ("refocus", ["convention=parallel"], {"planes.convention": "parallel"}),
-        ("refocus", ["planes=even", "planes.n=3"], {"planes": "even", "planes.n": 3}),
     ],
 )
 def test_short_words_stand_for_keys(command, words, expected):
@@ -53,11 +53,6 @@ def test_short_words_stand_for_keys(command, words, expected):
 def test_options_of_hydra_stay(words):
     kept = [word for word in rewritten("refocus", words) if "planes" not in word]
     assert kept == [word for word in words if "slopes" not in word]
-
-
-@pytest.mark.parametrize(("command", "key"), [entry for entry in RUN.items() if entry[0] != "train"])
-def test_a_run_folder_is_what_the_command_takes_one_as(command, key):
-    assert values(["run=runs/mine"], command) == {key: "runs/mine"}
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import pytest
 import torch
-import yaml
 from lightning.pytorch.loggers.logger import DummyLogger
 
 from lfref.cli import loggers
@@ -43,34 +42,22 @@ def test_a_folder_that_has_files_is_refused_and_overwriting_deletes_nothing(lfre
     assert lfref(*SCENE, "outputs=[views,disparity]", f"output={out}", "overwrite=true")[0] == 0
     assert {"plane", "plane_disparity.exr", "notes.txt"} <= {path.name for path in out.iterdir()}
     assert (out / "notes.txt").read_text() == "mine"
-    text = (out / "config.yaml").read_text()
-    assert "${" not in text
-    assert yaml.safe_load(text)["outputs"] == ["views", "disparity"]
+    assert Run(out).config["outputs"] == ["views", "disparity"]
 
 
 def test_a_command_that_failed_before_its_results_leaves_a_free_folder(lfref, tmp_path):
     assert lfref(*SCENE, "outputs=[nonsense]", f"output={tmp_path}/out")[0] == 1
     assert lfref(*SCENE, "outputs=[views]", f"output={tmp_path}/out")[0] == 0
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "config.txt").touch()
-    assert lfref(*SCENE, f"output={tmp_path}/mine")[0] == 1
 
 
 # Runs that go on.
 
 
-@pytest.fixture
-def run(tmp_path):
-    """A run as far as its command line goes."""
-    folder = tmp_path / "it's a run"
-    (folder / "checkpoints").mkdir(parents=True)
-    (folder / "config.yaml").write_text("{}")
-    (folder / "checkpoints" / "last.ckpt").touch()
-    write_overrides(folder, ["output=old", "net=refnet_small", "+a.b=1", "scheduler=warmup_cosine", "~callbacks.best"])
-    return folder
-
-
-def test_resume_becomes_the_overrides_of_the_run_and_those_that_are_given_anew(run):
+def test_resume_becomes_the_overrides_of_the_run_and_those_that_are_given_anew(tmp_path):
+    run = tmp_path / "it's a run"
+    run.mkdir()
+    (run / "config.yaml").write_text("{}")
+    write_overrides(run, ["output=old", "net=refnet_small", "+a.b=1", "scheduler=warmup_cosine", "~callbacks.best"])
     folder = str(run).replace("'", "\\'")
     line = resumed([f"resume='{folder}'", "scheduler=constant", "++a.b=2"])
     new = ["scheduler=constant", "++a.b=2"]
@@ -80,8 +67,6 @@ def test_resume_becomes_the_overrides_of_the_run_and_those_that_are_given_anew(r
     for words in (["resume=auto", "experiment=demo"], [f"resume={run.parent}"]):
         with pytest.raises((InputError, FileError)):
             resumed(words)
-    auto = resumed(["resume=auto", f"output='{folder}'", "scheduler=constant"])
-    assert auto == ["net=refnet_small", "+a.b=1", "~callbacks.best", *auto[3:5], "scheduler=constant", auto[-1]]
 
 
 def test_a_run_that_was_moved_goes_on_as_it_was_set_up(lfref, tmp_path):
@@ -94,43 +79,36 @@ def test_a_run_that_was_moved_goes_on_as_it_was_set_up(lfref, tmp_path):
     assert Run(moved).config["loss"]["weights"]["beta"] == 0.2
     assert Run(moved).metrics[: len(first)] == first
     assert epochs(moved) == [0, 1, 2]
-    assert last(moved)["lr_schedulers"][0]["base_lrs"] == [0.5, 0.025]
+    assert [group["lr"] for group in last(moved)["optimizer_states"][0]["param_groups"]] == [0.5, 0.025]
     assert Run(moved).training["best_value"] >= best
     assert Run(moved).is_finished
-
-
-def test_one_command_begins_a_run_and_goes_on_with_it(lfref, tmp_path):
-    words = (*TRAIN, f"output={tmp_path}/run", "resume=auto")
-    for n_epochs in (1, 2, 2):
-        status, error = lfref(*words, f"trainer.max_epochs={n_epochs}")
-        assert status == 0, error
-    assert epochs(tmp_path / "run") == [0, 1]
-    assert lfref(*TRAIN, f"output={tmp_path}/run")[0] == 1
 
 
 # Sweeps.
 
 
+@pytest.mark.slow
 def test_a_sweep_skips_what_is_finished_names_what_failed_and_refuses_other_jobs(lfref, tmp_path, fits, monkeypatch):
     def fail(self):
         if self.trainer.optimizers[0].param_groups[0]["lr"] == 0.02:
             raise InputError("of this test")
 
     monkeypatch.setattr(Refocusing, "on_train_epoch_start", fail)
-    words = (*TRAIN, "--multirun", f"output={tmp_path}/sweep", "optimizer.lr=0.01,0.02,0.03", "trainer.max_epochs=1")
+    words = (*TRAIN, "--multirun", f"output={tmp_path}/sweep", "optimizer.lr=0.01,0.02", "trainer.max_epochs=1")
     status, error = lfref(*words)
     assert status == 1
     assert "of this test" in error
-    assert [rate for rate, _ in fits] == [0.01, 0.02, 0.03]
+    assert [rate for rate, _ in fits] == [0.01, 0.02]
     monkeypatch.setattr(Refocusing, "on_train_epoch_start", lambda self: None)
     fits.clear()
     assert lfref(*words)[0] == 0
     assert [rate for rate, _ in fits] == [0.02]
-    assert all(Run(tmp_path / "sweep" / name).is_finished for name in "012")
-    assert lfref(*words[:-2], "optimizer.lr=0.05,0.06,0.07", words[-1])[0] == 1
+    assert all(Run(tmp_path / "sweep" / name).is_finished for name in "01")
+    assert lfref(*words[:-2], "optimizer.lr=0.05,0.06", words[-1])[0] == 1
     assert [rate for rate, _ in fits] == [0.02]
     assert lfref("report", tmp_path / "sweep", f"output={tmp_path}/page")[0] == 0
-    assert read_table(tmp_path / "page" / "sweep.csv")["optimizer.lr"].tolist() == [0.01, 0.02, 0.03]
+    variants = read_table(tmp_path / "page" / "sweep.csv")["variant"].tolist()
+    assert variants == [f"optimizer.lr={rate}" for rate in (0.01, 0.02)]
 
 
 class NotedWandbLogger(DummyLogger):

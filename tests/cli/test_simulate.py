@@ -14,24 +14,7 @@ from lfref.simulator.scene import Scene
 from lfref.simulator.simulate import simulate
 
 SMALL = ("scene.camera.size=[48,56]", "scene.camera.grid=[3,3]", "planes.alphas=[0.5,1,2]")
-TWIGS = ("scene=sim30", "scene.name=twigs")
-SCENES = sorted(path.stem for path in (configs.directory() / "scene").glob("*.yaml"))
-OF_ANY_SIZE = sorted({*SCENES} - {"sim30"})
-
-KILLED = """
-import os, sys
-from lfref.cli import main
-from lfref.io import images
-write_image = images.write_image
-def killed(path, *arguments, **options):
-    if path.match("*001_sheet.png"):
-        os._exit(9)
-    write_image(path, *arguments, **options)
-images.write_image = killed
-sys.argv = {line}
-main.main()
-"""
-"""A program whose run is killed before it writes the last file of its second scene."""
+SENSOR = ("scene=sim30", "scene.name=vignetting")
 
 
 @pytest.fixture
@@ -48,7 +31,7 @@ def depth(path):
     return torch.from_numpy(images.read_image(path))[..., 0]
 
 
-@pytest.mark.parametrize("name", OF_ANY_SIZE)
+@pytest.mark.parametrize("name", [pytest.param("evening", marks=pytest.mark.slow), "random", "varied"])
 def test_every_scene_can_be_seen(scene_of, name):
     scenes = scene_of(f"scene={name}", "scene.camera.size=[24,32]", "scene.camera.grid=[3,3]")
     scene = scenes if isinstance(scenes, Scene) else scenes.scene(0, 0, 0)
@@ -59,52 +42,36 @@ def test_every_scene_can_be_seen(scene_of, name):
 
 
 def test_files_hold_what_was_simulated(lfref, scene_of, tmp_path):
-    assert lfref("simulate", "scene=lens", "suffix=.exr", *SMALL, f"output={tmp_path}/out")[0] == 0
-    stack, planes = read_stack(tmp_path / "out" / "lens_truth.exr")
-    found = simulate(scene_of("scene=lens", *SMALL), 0, ["views", "truth", "disparity"], planes.slopes)
+    assert lfref("simulate", *SENSOR, "suffix=.exr", *SMALL, f"output={tmp_path}/out")[0] == 0
+    stack, planes = read_stack(tmp_path / "out" / "vignetting_truth.exr")
+    found = simulate(scene_of(*SENSOR, *SMALL).scene(0, 0, 0), 0, ["views", "truth", "disparity"], planes.slopes)
     assert planes.alphas == (0.5, 1.0, 2.0)
-    assert torch.equal(read(tmp_path / "out" / "lens.exr").views, found.views)
+    assert torch.equal(read(tmp_path / "out" / "vignetting.exr").views, found.views)
     assert torch.equal(stack, found.truth)
-    assert torch.equal(depth(tmp_path / "out" / "lens_disparity.exr"), found.disparity)
-    assert (tmp_path / "out" / "lens_sheet.png").stat().st_size > 10000
+    assert torch.equal(depth(tmp_path / "out" / "vignetting_disparity.exr"), found.disparity)
+    assert (tmp_path / "out" / "vignetting_sheet.png").stat().st_size > 10000
 
 
-def test_a_killed_run_goes_on_with_the_scenes_that_are_missing(lfref, tmp_path):
-    words = ("simulate", "n_fields=3", *SMALL)
-    assert lfref(*words, f"output={tmp_path}/whole")[0] == 0
-    out = tmp_path / "out"
-    line = ["lfref", *words, f"output={out}", "resume=auto"]
-    assert subprocess.run([sys.executable, "-c", KILLED.format(line=line)], check=False).returncode == 9
-    first = out / "simulated_s0_e0_000_sheet.png"
-    time_ns = first.stat().st_mtime_ns
-    status, error = lfref(*words, f"output={out}", "resume=auto")
+def test_a_run_goes_on_with_the_scenes_that_are_missing(lfref, tmp_path):
+    words = ("simulate", "n_fields=2", *SMALL, f"output={tmp_path}/out", "resume=auto")
+    assert lfref(*words)[0] == 0
+    first, second = (tmp_path / "out" / f"simulated_s0_e0_00{k}_sheet.png" for k in range(2))
+    time_ns, picture = first.stat().st_mtime_ns, images.read_image(second)
+    second.unlink()
+    status, error = lfref(*words)
     assert status == 0, error
     assert first.stat().st_mtime_ns == time_ns
-    assert "; there before: 1" in (out / "simulate.log").read_text()
-    for path in (tmp_path / "whole").rglob("*.*"):
-        other = out / path.relative_to(tmp_path / "whole")
-        assert other.exists(), path
-        if path.suffix in (".exr", ".png"):
-            assert np.array_equal(images.read_image(other), images.read_image(path)), path
+    assert np.array_equal(images.read_image(second), picture)
 
 
-@pytest.mark.parametrize(("n_fields", "suffix"), [(9, ""), (3, ".exr")])
+@pytest.mark.parametrize(("n_fields", "suffix"), [(4, ""), (2, ".exr")])
 def test_light_fields_are_found_and_nothing_else_is_taken_for_one(lfref, tmp_path, n_fields, suffix):
     words = (f"n_fields={n_fields}", f"suffix={suffix}", "outputs=[views,truth,disparity,masks,all_in_focus]", *SMALL)
     assert lfref("simulate", *words, f"output={tmp_path}/out")[0] == 0
     assert [path.stem for path in find(tmp_path / "out")] == [f"simulated_s0_e0_00{k}" for k in range(n_fields)]
 
 
-def test_every_pass_is_explained_if_asked_for(lfref, tmp_path):
-    words = ("scene=sim30", "scene.name=grainy", "outputs=[views]", *SMALL, f"output={tmp_path}/out")
-    assert lfref("simulate", *words, "explain=true")[0] == 0
-    lines = [line.split() for line in (tmp_path / "out" / "simulate.log").read_text().splitlines()]
-    states = {line[0]: line[1] for line in lines if len(line) > 1}
-    assert states["mosaic"] == states["noise"] == states["paint"] == "run"
-    assert states["vignetting"] == states["photograph"] == "skipped"
-
-
-@pytest.mark.parametrize(("curve", "suffix"), [("srgb", ""), ("gamma", ""), ("srgb", ".exr")])
+@pytest.mark.parametrize(("curve", "suffix"), [("srgb", ""), ("gamma", ".exr")])
 def test_views_with_a_tone_curve_are_read_back_as_light(lfref, tmp_path, curve, suffix):
     tone = (
         "+scene.sensor={_target_:lfref.simulator.effects.sensor.Sensor,tone_curve:"
@@ -121,11 +88,9 @@ def test_views_with_a_tone_curve_are_read_back_as_light(lfref, tmp_path, curve, 
     torch.testing.assert_close(found, light.clamp(0, 1), atol=5e-3, rtol=0)
 
 
-@pytest.mark.parametrize("words", [("-m", "seed=1,2")])
-def test_without_an_output_the_run_folder_is_of_the_command_and_the_time(tmp_path, words):
+def test_without_an_output_the_run_folder_is_of_the_command_and_the_time(tmp_path):
     # In a process of its own: a run before it would have left Hydra's configuration behind.
-    command = [sys.executable, "-m", "lfref.cli.main", "simulate", *words, "outputs=[disparity]", *SMALL]
-    said = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stderr
+    command = [sys.executable, "-m", "lfref.cli.main", "simulate", "-m", "seed=1,2", "outputs=[disparity]", *SMALL]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     (folder,) = (tmp_path / "runs" / "simulate").iterdir()
-    assert {path.name for path in folder.iterdir()} >= ({"0", "1"} if "-m" in words else {"config.yaml"})
-    assert "Callback" not in said
+    assert {path.name for path in folder.iterdir()} >= {"0", "1"}

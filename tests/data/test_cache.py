@@ -16,7 +16,7 @@ from lfref.simulator.simulate import simulate
 KINDS = {
     "8 bits": ({"kind": "folder", "bits": 8}, {}, torch.uint8),
     "16 bits and weight": ({"kind": "folder", "bits": 16, "weight": True}, {}, torch.uint16),
-    "eslf and weight": ({"kind": "eslf", "bits": 16, "weight": True}, {"lenslet": 3, "views": 2}, torch.uint16),
+    "eslf and weight": ({"kind": "eslf", "bits": 16, "weight": True}, {"lenslet": 3, "angular_size": 2}, torch.uint16),
     "float and weight": ({"kind": "exr", "bits": 32, "weight": True}, {}, torch.float32),
 }
 
@@ -53,8 +53,8 @@ def test_options_versions_and_contents_make_entries_of_their_own(store, tmp_path
     path, folder = store(), tmp_path / "cache"
     sizes = [cache.cached(path, options, folder).size for options in ({}, {"size": (5, 6)})]
     assert sizes == [(12, 14), (5, 6)]
-    cache.cached(path, {"views": 2, "reverse_u": True}, folder)
-    cache.cached(path, {"reverse_u": True, "views": 2}, folder)
+    cache.cached(path, {"angular_size": 2, "reverse_u": True}, folder)
+    cache.cached(path, {"reverse_u": True, "angular_size": 2}, folder)
     assert len(decoded) == 3
     monkeypatch.setattr(reader, "VERSION", reader.VERSION + 1)
     cache.cached(path, {}, folder)

@@ -6,7 +6,6 @@ import pandas as pd
 import pytest
 import torch
 
-from lfref import geometry
 from lfref.report import plots
 from tests.report.test_pictures import PAPER, H, W, screen, stack
 
@@ -43,7 +42,6 @@ def test_training_lines_are_the_rows_without_empty_cells():
     assert points(line_of(loss, "total")) == [(step, 1 / (1 + step)) for step in range(5)]
     assert list(line_of(loss, "L1").get_ydata()) == [0.1] * 5
     assert points(mpsnr.get_lines()[0]) == [(1, 20.0), (2, 33.5), (4, 32.25)]
-    assert "first 20.00 dB, best +13.50 dB, last +12.25 dB" in mpsnr.get_title("left")
     assert points(mssim.get_lines()[0]) == [(1, 0.5), (2, 0.9), (4, 0.8)]
 
 
@@ -53,14 +51,6 @@ def test_quality_is_the_mean_over_light_fields_in_a_panel_of_each_reference_and_
     assert points(line_of(psnr, "net")) == [(alpha, 31 + alpha) for alpha in ALPHAS]
     assert list(line_of(ssim, "net").get_ydata()) == pytest.approx([0.9 + a / 100 for a in ALPHAS])
     assert list(line_of(by_sum, "net").get_ydata()) == [70.0] * 4  # as in means, a PSNR counts by at most 70 dB
-    assert (psnr.get_ylabel(), by_sum.get_ylabel()) == ("PSNR (dB)", "PSNR against sum (dB)")
-
-
-def test_planes_without_alphas_lie_at_their_slopes_and_no_method_judges_itself():
-    rows = pd.concat([planes("net", "a").assign(alpha=None), planes("a", "a"), planes("net", "b")])
-    first, _ = plots.by_plane(rows).axes
-    assert [points(line) for line in first.get_lines()] == [[(1 - 1 / alpha, 30 + alpha) for alpha in ALPHAS]]
-    assert first.get_xlabel() == "Slope (px/view)"
 
 
 def bench(rows, reference="truth"):
@@ -87,7 +77,6 @@ def test_the_front_joins_the_best_methods_in_units_of_the_fft():
 def test_without_truth_there_is_no_front_and_no_method_judges_itself():
     figure = plots.front(pd.concat([bench(ROWS), bench(ROWS, "exact")[1:].assign(**{"class": "capture"})]))
     _, axes = figure.axes
-    assert axes.get_title("left") == "capture, judged by exact and not by the truth: higher is nearer, not better"
     assert [points(mark) for mark in axes.get_lines()[:-1]] == [[(0.1, 30.0)], [(0.2, 28.0)], [(0.4, 45.0)]]
 
 
@@ -108,23 +97,14 @@ def test_causes_have_a_panel_for_the_mean_and_each_plane():
     assert bars == [[4.0, 12.0], [3.0, 20.0], [5.0, 4.0]]  # the first cause is the uppermost
     marks = [list(axes.get_lines()[0].get_xdata()) for axes in figure.axes]
     assert marks == [[0.75, 7.0], [1.0, 15.0], [0.5, -1.0]]
-    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["noise", "points"]
-    assert sorted(text.get_text() for text in figure.legends[0].get_texts()) == ["cost", "won by filled"]
 
 
-@pytest.mark.parametrize(
-    ("planes", "titles", "values"),
-    [
-        (geometry.planes_at_alphas([0.2, 0.9, 1.9]), ["alpha 0.2", "alpha 0.9", "alpha 1.9"], (0, 0.01, 0.02)),
-        (PAPER, ["alpha 0.125", "alpha 1", "alpha 2"], (0, 0.07, 0.15)),
-    ],
-)
-def test_comparison_shows_ends_and_middle_of_every_method_with_one_gain(planes, titles, values):
-    stacks = {name: stack(len(planes), gain=gain) * 10 for name, gain in (("first", 0.1), ("second", 0.05))}
-    figure = plots.comparison(stacks, planes, torch.full((3, H, W), 0.9))
+def test_comparison_shows_ends_and_middle_of_every_method_with_one_gain():
+    stacks = {name: stack(gain=gain) * 10 for name, gain in (("first", 0.1), ("second", 0.05))}
+    figure = plots.comparison(stacks, PAPER, torch.full((3, H, W), 0.9))
     shown = [(axes.get_title(), float(axes.images[0].get_array().max())) for axes in figure.axes if axes.images]
-    rows = [[(title, screen(gain * v)) for title, v in zip(titles, values, strict=True)] for gain in (1, 0.5)]
+    planes = {"alpha 0.125": 0, "alpha 1": 0.07, "alpha 2": 0.15}
+    rows = [[(title, screen(gain * value)) for title, value in planes.items()] for gain in (1, 0.5)]
     expected = [*rows[0], ("mean of all views, not refocused", screen(0.9)), *rows[1]]
     assert [title for title, _ in shown] == [title for title, _ in expected]
     assert [value for _, value in shown] == pytest.approx([value for _, value in expected], rel=1e-5)
-    assert [axes.get_ylabel() for axes in figure.axes[::3]] == ["first", "", "second"]

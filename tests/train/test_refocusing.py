@@ -58,7 +58,7 @@ class TestFit:
             torch.testing.assert_close(fit.callback_metrics[f"{stage}/loss"], total, atol=1e-4, rtol=1e-5)
         batches = batches_of(data, data.val_dataloader())
         with torch.no_grad():
-            pairs = [(module(batch["views"], batch["slopes"]), batch["labels"]) for batch in batches]
+            pairs = [(module.net(batch["views"], batch["slopes"]), batch["labels"]) for batch in batches]
         for name, quality in (("mpsnr", psnr), ("mssim", ssim)):
             expected = torch.cat([quality(stack, labels) for stack, labels in pairs]).double().mean()
             assert fit.callback_metrics[f"val/{name}"].item() == pytest.approx(expected.item(), abs=1e-4)

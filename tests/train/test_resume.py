@@ -51,8 +51,7 @@ class StoppedInEpochOne(Callback):
 
 
 @quiet
-@pytest.mark.parametrize("workers", [0, 2])
-@pytest.mark.parametrize("schedule", [cosine, warmed_up])
+@pytest.mark.parametrize(("schedule", "workers"), [(cosine, 0), (warmed_up, 2)])
 def test_a_run_that_is_stopped_within_an_epoch_is_resumed_to_the_bit(
     module, data, trainer, tmp_path, schedule, workers
 ):

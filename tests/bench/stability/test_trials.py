@@ -39,7 +39,6 @@ FINITE, WITH_NAN = [[1.0, 2.0], [1.0, 1.0]], [[1.0, torch.nan], [1.0, 1.0]]
     ("values", "function", "outcome"),
     [
         (FINITE, double, "holds"),
-        (FINITE, lambda x: double(x) + 0.05, "holds"),
         (FINITE, lambda x: double(x) + 0.2, "inexact"),
         (FINITE, lambda x: double(x) / 0, "not finite"),
         (FINITE, with_infinite_gradient, "not finite"),
@@ -47,7 +46,6 @@ FINITE, WITH_NAN = [[1.0, 2.0], [1.0, 1.0]], [[1.0, torch.nan], [1.0, 1.0]]
         (WITH_NAN, double, "holds"),
         (WITH_NAN, lambda x: double(x.nan_to_num()), "hidden"),
         (WITH_NAN, lambda x: double(x) + x.sum(), "not finite"),
-        (WITH_NAN, lambda x: double(x) + 0 * (x[:1] * x).nan_to_num(0).sum(), "not finite"),
         (WITH_NAN, lambda x: double(x) + 0.2, "inexact"),
     ],
 )
@@ -61,10 +59,3 @@ def test_the_error_is_measured_and_a_gradient_that_is_not_finite_counted():
     row = first_row(with_infinite_gradient, FINITE)
     assert (row["error"], row["not_finite"]) == (0, 4)
     assert first_row(Crash(), FINITE)["note"] == "RuntimeError: two lines"
-
-
-def test_networks_are_copied_converted_and_differentiated_by_their_weights():
-    network = nn.Linear(3, 1)
-    _, gradient = trials.run_formulation(network, (torch.ones(2, 3, dtype=torch.bfloat16),), PRECISIONS["bfloat16"])
-    assert network.weight.dtype == torch.float32
-    assert gradient.shape == (1, 2 * 3 + 3 + 1)
