@@ -242,6 +242,7 @@ def _estimate_and_correct(
         registered = _registration(field, view)
     spacing = registration.find_spacing(registered)
     if even_grid_for and isinstance(spacing, SpacingDefect):
+        defects.append(spacing)
         skipped |= {spacing.name: f"{spacing.summary()}, but {even_grid_for}"}
     else:
         correct_if_due(SpacingDefect, spacing)

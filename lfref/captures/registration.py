@@ -262,9 +262,13 @@ class SpacingDefect(Defect):
     spacing: float = 1.0  # distance between rows over that between columns by the positions before the correction
 
     def summary(self) -> str:
-        """The ratio and its error, and the reader's option that sets the same."""
-        ratio, error = self.ratio * self.spacing, self.error * self.spacing
-        return f"rows are {ratio:.4f} times as far apart as columns, to {error:.4f} (reader.spacing=[{ratio:.4f},1])"
+        """The ratio, and the reader's option that sets the same."""
+        return f"{self.distances()} (reader.spacing=[{self.ratio * self.spacing:.4f},1])"
+
+    def distances(self) -> str:
+        """The ratio and its error."""
+        error = self.error * self.spacing
+        return f"rows are {self.ratio * self.spacing:.4f} times as far apart as columns, to {error:.4f}"
 
     def corrected(self, field: LightField) -> LightField:
         """The same views at corrected positions."""
@@ -285,7 +289,7 @@ def find_spacing(registered: Registration | None) -> SpacingDefect | str:
     positions = registered.positions.unflatten(0, registered.field.grid)
     rows, columns = (float(positions.diff(dim=axis)[..., axis].mean()) for axis in (0, 1))
     defect = SpacingDefect(ratio, error, rows / columns)
-    return defect if excess > SURE * error and shows else f"uncertain: {defect.summary()}"
+    return defect if excess > SURE * error and shows else defect.distances()
 
 
 def fit_ratio(registered: Registration, chosen: Tensor) -> tuple[Fitted, float]:

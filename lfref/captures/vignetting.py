@@ -57,9 +57,9 @@ class VignettingDefect(Defect):
         if self.flat_field is not None:
             return f"by the flat field, down to {self.flat_field.min():.0%} of the light"
         left = float(falloff_gain(self._rim, torch.tensor(1.0), torch.tensor(0.0)))
-        falloff = f"to {left:.0%} in all corners, by parallax" if self.falloff else "is unknown without a flat field"
+        falloff = f"{left:.0%} in all corners, by parallax" if self.falloff else "unknown without a flat field"
         rim = f"a rim of {self.radius:.2f} view steps, displaced by {self.displacement:.2f} at the corners"
-        return f"{rim}; falloff that all views share {falloff}"
+        return f"{rim}; falloff that all views share: {falloff}"
 
     def gain(self, field: LightField) -> Tensor:
         """Light that reaches each sample, relative to the middle of the central view, float32, [V, U, C or 1, H, W]."""
