@@ -50,6 +50,7 @@ BLACK = 0.02  # share of a view's brightest twentieth, by trial: less light is a
 LEAST_CORNER = 3  # pixels along both edges, by trial: smaller corners hardly matter
 LARGEST_CORNER = 0.4  # share of the sides: two corners that meet are a dark scene
 RIM = 1  # pixels: decoders ring at the corner's edge, and blur it by as much
+CONFIRMED = "other views confirm every sample that sticks out"
 TURNS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # from each corner, the direction into the picture along rows and columns
 
 
@@ -59,10 +60,8 @@ class HotPixelsDefect(Defect):
 
     name = "hot_pixels"
 
-    samples: Tensor
-    """View row and column, channel, pixel row and column of each sample, [K, 5]."""
-    count: int
-    """Number of hot and dead samples, without those that they have spoilt."""
+    samples: Tensor  # view row and column, channel, pixel row and column of each sample, [K, 5]
+    count: int  # number of hot and dead samples, without those that they have spoilt
 
     def summary(self) -> str:
         """Number of hot and dead samples."""
@@ -84,15 +83,13 @@ class HotPixelsDefect(Defect):
         return dataclasses.replace(field, views=views)
 
 
-def find_hot(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> HotPixelsDefect:
+def find_hot(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> HotPixelsDefect | str:
     """Find hot and dead pixels; the disparity [H, W] is that of the reference view."""
-    reason = "other views confirm every sample that sticks out"
-    none = HotPixelsDefect(torch.zeros(0, 5, dtype=torch.long), 0, reason_to_skip=reason)
     if field.grid[0] * field.grid[1] < 3:
-        return none
+        return CONFIRMED
     samples, heights = candidates(field.views)
     if not len(samples):
-        return none
+        return CONFIRMED
     positions = registration.positions_of(field).unflatten(0, field.grid).movedim(-1, 0).float()
     v, u = reference
     steps, disparity = positions - positions[:, v, u, None, None], disparity.cpu()
@@ -106,7 +103,7 @@ def find_hot(field: LightField, disparity: Tensor, reference: tuple[int, int]) -
     is_hot = is_new & is_single
     # A scene with more spots in all colours has glints: those in one colour may be glints of coloured light.
     if int(is_hot.sum()) <= int((is_new & ~is_single).sum()):
-        return none
+        return CONFIRMED
     suspects = is_hot.nonzero()[:, 0]
     low, high = float(disparity.min()) - BESIDE, float(disparity.max()) + BESIDE
     # A spot that two neighbours show at one disparity is a point of the scene; places are compared within a pixel.
@@ -114,7 +111,7 @@ def find_hot(field: LightField, disparity: Tensor, reference: tuple[int, int]) -
         places = _in_neighbours(field.views, samples[suspects], torch.full((len(suspects),), d), steps)
         is_hot[suspects] &= (sticking_as_far(places, own[suspects], heights[suspects])).sum(0) < 2
     if not bool(is_hot.any()):
-        return none
+        return CONFIRMED
     spoilt = with_spoilt(own[is_hot], others[is_hot], samples[is_hot], field.size)
     return HotPixelsDefect(spoilt, int(is_hot.sum()))
 
@@ -289,10 +286,8 @@ class BlackViewsDefect(Defect):
 
     name = "black_views"
 
-    views: tuple[tuple[int, int], ...]
-    """Row and column of each black view."""
-    corners: Tensor | None
-    """Which samples lie in black corners, [V, U, 1, H, W]; None: there are none."""
+    views: tuple[tuple[int, int], ...]  # row and column of each black view
+    corners: Tensor | None  # which samples lie in black corners, [V, U, 1, H, W]; None: there are none
 
     def summary(self) -> str:
         """Number of black views, and share of black corners."""
@@ -314,7 +309,7 @@ class BlackViewsDefect(Defect):
         return dataclasses.replace(field, weight=weight.expand(shape))
 
 
-def find_black(field: LightField) -> BlackViewsDefect:
+def find_black(field: LightField) -> BlackViewsDefect | str:
     """Find black views and corners among the views that have a weight."""
     # Every fourth sample gives the brightest twentieth of a view well enough.
     brightest = field.views[..., ::4, ::4].amax(2).flatten(2)
@@ -331,8 +326,7 @@ def find_black(field: LightField) -> BlackViewsDefect:
     boxes = [_corner_region(_black_near_corner(field.views, rows, columns, limit)) for rows, columns in TURNS]
     has_all = is_used & ~is_black & torch.stack([box.flatten(2).any(2) for box in boxes]).all(0)
     if not bool(has_all.any()):
-        reason = "" if black_views else "all views have light in all corners"
-        return BlackViewsDefect(black_views, None, reason_to_skip=reason)
+        return BlackViewsDefect(black_views, None) if black_views else "all views have light in all corners"
     corners = torch.zeros(*field.grid, *field.size, dtype=torch.bool)
     for (rows, columns), box in zip(TURNS, boxes, strict=True):
         where = (..., _side(box.shape[2], rows), _side(box.shape[3], columns))
@@ -352,7 +346,8 @@ def _corner_region(black: Tensor) -> Tensor:
 
     Each of its rows begins at the first column and is at most as long as the row above it.
     """
-    runs = _run(black).cummin(2).values
+    # Number of black samples before the first one with light.
+    runs = torch.where(black.all(-1), black.shape[-1], (~black).int().argmax(-1)).cummin(2).values
     depth = (runs > 0).sum(2)
     is_corner = (depth >= LEAST_CORNER) & (runs[..., 0] >= LEAST_CORNER)
     # A region that fills its box extends beyond the largest corner.
@@ -364,11 +359,6 @@ def _corner_region(black: Tensor) -> Tensor:
 def _widened(region: Tensor) -> Tensor:
     """A region [V, U, h, w] with the ring around it: bright samples between black ones, and dim ones beside them."""
     return F.max_pool2d(region.flatten(0, 1).float(), 2 * RIM + 1, 1, RIM).unflatten(0, region.shape[:2]) > 0
-
-
-def _run(black: Tensor) -> Tensor:
-    """Number of black samples before the first one with light, along the last axis."""
-    return torch.where(black.all(-1), black.shape[-1], (~black).int().argmax(-1))
 
 
 def _side(length: int, turn: int) -> slice:

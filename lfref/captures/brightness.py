@@ -38,23 +38,16 @@ TILES = 5  # number along a side, by trial: tiles are larger than highlights and
 class Ratios(NamedTuple):
     """Brightness of the windows of the central view in each view."""
 
-    log: Tensor
-    """Logarithm of the brightness over that of the central view, 0 where unknown, [V, U, C, n]."""
-    known: Tensor
-    """Whether the brightness is known, [V, U, n]."""
-    places: Tensor
-    """Rows and columns of the windows in each view, in half diagonals from its centre, [2, V, U, n]."""
-    views: Tensor
-    """Positions of the views in view steps from the angular centre, rows and columns, [2, V, U, 1]."""
-    shape: tuple[int, int]
-    """Rows and columns of windows; n is their product."""
-    centre: tuple[int, int]
-    """Row and column of the view that all are compared with."""
+    log: Tensor  # logarithm of the brightness over that of the central view, 0 where unknown, [V, U, C, n]
+    known: Tensor  # whether the brightness is known, [V, U, n]
+    places: Tensor  # rows and columns of the windows in each view, in half diagonals from its centre, [2, V, U, n]
+    views: Tensor  # positions of the views in view steps from the angular centre, rows and columns, [2, V, U, 1]
+    shape: tuple[int, int]  # rows and columns of windows; n is their product
+    centre: tuple[int, int]  # row and column of the view that all are compared with
 
 
 def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Ratios:
     """Light of each view relative to the central view, whose `disparity` is in pixels per view step, [H, W]."""
-    height, width = field.size
     images = field.views.flatten(0, 1)
     # Samples are clipped at 1, or above it after white balance; white samples of a darker picture are not clipped.
     limits = CLIPPED * images[..., ::8, ::4].amax((0, 2, 3)).clamp(min=1)
@@ -65,7 +58,11 @@ def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Rat
     # Where each view shows each reduced pixel of the central one, [V, U, h, w].
     rows = torch.arange(disparity.shape[0]).to(disparity)[:, None] + v * disparity
     columns = torch.arange(disparity.shape[1]).to(disparity) + u * disparity
-    warped = _read(reduced, rows, columns).unflatten(0, field.grid)
+    height, width = disparity.shape
+    places = torch.stack([(2 * columns + 1) / width - 1, (2 * rows + 1) / height - 1], -1).flatten(0, 1)
+    outside = (rows < 0) | (rows > height - 1) | (columns < 0) | (columns > width - 1)
+    warped = F.grid_sample(reduced, places, padding_mode="border", align_corners=False)
+    warped = warped.masked_fill_(outside.flatten(0, 1)[:, None], torch.nan).unflatten(0, field.grid)
     side = max(3, round(max(disparity.shape) / WINDOWS))
     light = _window_means(warped, side)
     central = light[centre]
@@ -75,23 +72,13 @@ def ratios(field: LightField, disparity: Tensor, centre: tuple[int, int]) -> Rat
     if field.weight is not None:
         known &= (field.weight[..., ::4, ::4].flatten(2).amax(2) > 0)[..., None].to(known.device)
     log = torch.where(known[:, :, None], ratio, 1.0).clamp(min=LEAST_RATIO).log()
-    half_diagonal = math.hypot(height, width) / 2
-    places = [
+    half_diagonal = math.hypot(*field.size) / 2
+    windows = [
         ((_window_means(place[:, :, None], side)[:, :, 0] + 0.5) * REDUCTION - length / 2) / half_diagonal
-        for place, length in ((rows, height), (columns, width))
+        for place, length in zip((rows, columns), field.size, strict=True)
     ]
-    shape = (disparity.shape[0] // side, disparity.shape[1] // side)
-    return Ratios(log, known, torch.stack(places), views[..., None], shape, centre)
-
-
-def _read(images: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """Pictures [VU, C, h, w] read between their pixels; NaN beyond the outermost."""
-    height, width = images.shape[-2:]
-    y, x = (2 * rows + 1) / height - 1, (2 * columns + 1) / width - 1
-    outside = (rows < 0) | (rows > height - 1) | (columns < 0) | (columns > width - 1)
-    places = torch.stack([x, y], -1).flatten(0, 1)
-    warped = F.grid_sample(images, places, padding_mode="border", align_corners=False)
-    return warped.masked_fill_(outside.flatten(0, 1)[:, None], torch.nan)
+    shape = (height // side, width // side)
+    return Ratios(log, known, torch.stack(windows), views[..., None], shape, centre)
 
 
 def _window_means(maps: Tensor, side: int) -> Tensor:
@@ -120,17 +107,14 @@ class ExposureDefect(Defect):
     name = "exposure"
     needs_light = True
 
-    gains: Tensor
-    """Brightness over that of the central view, 1 where no difference is certain, float64, [V, U, C]."""
-    error: float
-    """Standard error of a gain, the median over views and channels."""
+    gains: Tensor  # brightness over that of the central view, 1 where no difference is certain, float64, [V, U, C]
+    error: float  # standard error of a gain, the median over views and channels
 
     def summary(self) -> str:
         """Range of the gains, and their error."""
-        count, n_views = int((self.gains != 1).any(2).sum()), self.gains.shape[0] * self.gains.shape[1]
+        is_other = (self.gains != 1).any(2)
         span = f"{self.gains.min():.3f} to {self.gains.max():.3f}"
-        views = f"{count} of {n_views} views " + ("is" if count == 1 else "are")
-        return f"{views} {span} as bright as the central one, known to {self.error:.2%}"
+        return f"{is_other.sum()} of {is_other.numel()} views: {span} of the central one's light, to {self.error:.2%}"
 
     def corrected(self, field: LightField) -> LightField:
         """Views divided by their gains."""
@@ -138,14 +122,13 @@ class ExposureDefect(Defect):
         return dataclasses.replace(field, views=field.views / gains)
 
 
-def find_exposure(ratios: Ratios) -> ExposureDefect:
+def find_exposure(ratios: Ratios) -> ExposureDefect | str:
     """Estimate the gain of every view and channel, in a field without vignetting."""
     level, error, scatter = levels(ratios)
     is_enough = (ratios.known.sum(2, keepdim=True) >= LEAST_WINDOWS).expand_as(error)
     typical = float(error[is_enough].median()) if bool(is_enough.any()) else 0.0
     gains = certain_gains(level, error.masked_fill(~is_enough, torch.inf), scatter)
-    reason = "" if bool((gains != 1).any()) else f"views and colours agree to {typical:.2%}"
-    return ExposureDefect(gains, typical, reason_to_skip=reason)
+    return ExposureDefect(gains, typical) if bool((gains != 1).any()) else f"views and colours agree to {typical:.2%}"
 
 
 def certain_gains(level: Tensor, error: Tensor, scatter: Tensor) -> Tensor:

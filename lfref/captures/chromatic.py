@@ -8,11 +8,11 @@ Letters: `C` channels, `p` position of a view, `y` pixel from the picture's cent
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from lfref import geometry
 from lfref.captures import displacements, registration
 from lfref.captures.defect import Defect
 from lfref.captures.displacements import TINY, Fitted, Observed
@@ -22,18 +22,8 @@ from lfref.lightfield import LightField
 SHOWN = 0.02  # least distance of colours, in pixels, on average over the picture or in the outermost view, by trial
 SURE = 4.0  # standard errors from which a difference is certain, by trial
 CLEAR_LATERAL, CLEAR_AXIAL = 0.6, 1.0  # least shares of the scatter of patches, by trial: textures of colours differ
-LEAST_OFFSET = 0.03  # least offset that is corrected, in pixels, by trial
 LEAST_ERROR = 0.003  # pixels per view step, by trial: the least error of a patch's disparity
 UNEXPLAINED = 0.02  # share of a patch's contrast, by trial: least difference that displacements do not explain
-
-
-class Dispersion(NamedTuple):
-    """How a channel differs from the middle one."""
-
-    lateral: Fitted
-    """Offsets down and right in pixels, and magnification minus 1."""
-    axial: Fitted
-    """Added disparity in pixels per view step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,112 +32,90 @@ class ChromaticDefect(Defect):
 
     name = "chromatic"
 
-    magnifications: Tensor
-    """Magnification about the picture's centre, 1 where none is certain, float64, [C]."""
-    offsets: Tensor
-    """Offsets down and right in pixels, 0 where none is certain, [C, 2]."""
+    magnifications: Tensor  # magnification about the picture's centre, 1 where none is certain, float64, [C]
     disparities: Tensor
     """Disparities added to those of the scene, in pixels per view step, 0 where none is certain, [C]."""
 
     def summary(self) -> str:
         """Differences of each channel."""
-        texts = []
-        for channel, (size, offset, disparity) in enumerate(
-            zip(self.magnifications.tolist(), self.offsets.tolist(), self.disparities.tolist(), strict=True)
-        ):
-            parts = [f"{size:.5f} times the size"] if size != 1 else []
-            parts += [f"({offset[0]:+.3f}, {offset[1]:+.3f}) px beside"] if any(offset) else []
-            parts += [f"disparities {disparity:+.4f} px per view"] if disparity else []
-            texts += [f"channel {channel} has {', '.join(parts)}"] if parts else []
-        return "; ".join([*texts, "what all colours share is unknown"])
+        sizes = ", ".join(f"{size:.5f}" for size in self.magnifications.tolist())
+        added = ", ".join(f"{disparity:.4f}" for disparity in self.disparities.tolist())
+        return f"colours are {sizes} times as large, with {added} px per view step added; what all share is unknown"
 
     def corrected(self, field: LightField) -> LightField:
         """Channels in the size and focus of the middle one."""
-        rows, columns = registration.centred(field.size)
+        rows, columns = (geometry.angular_offsets(length) for length in field.size)
         sizes = self.magnifications[:, None]
-        shifts = self.offsets + self.disparities[:, None] * positions_of(field).unflatten(0, field.grid)[:, :, None]
+        shifts = self.disparities[:, None] * positions_of(field).unflatten(0, field.grid)[:, :, None]
         down, right = shifts[..., None, :].unbind(-1)
         return registration.resampled(field, sizes * rows + down, sizes * columns + right)
 
 
-def find(field: LightField, registered: Registration | None) -> ChromaticDefect:
+def find(field: LightField, registered: Registration | None) -> ChromaticDefect | str:
     """Estimate how the colours of a light field differ; unknown without a registration."""
-    n_channels = field.views.shape[2]
+    if field.views.shape[2] < 2:
+        return "there is one channel"
     # Three parameters of colours whose textures differ need more patches than positions of views do.
-    if n_channels < 2 or registered is None or len(registered.patches.rows) < displacements.FEWEST:
-        reason = "there is one channel" if n_channels < 2 else "unknown: too little texture, or too few views"
-        nothing = torch.zeros(n_channels, 2, dtype=torch.float64)
-        return ChromaticDefect(1 + nothing[:, 0], nothing, nothing[:, 1].clone(), reason_to_skip=reason)
-    dispersions = disperse(registered, registered.observed)
-    reach = float(registered.positions.abs().max())
-    is_sure = torch.tensor([is_certain(dispersion, reach) for dispersion in dispersions])
-    total = torch.where(is_sure, _values(dispersions), 0.0)
+    if registered is None or len(registered.patches.rows) < displacements.FEWEST:
+        return registration.UNKNOWN
+    values, is_sure = disperse(registered, registered.observed)
+    total = torch.where(is_sure, values, 0.0)
     # Large differences are estimated again, twice (by trial), from where the channels then seem to lie.
     for _ in range(2 if bool(is_sure.any()) else 0):
-        observed = observe_again(registered, total[:, :2], total[:, 2], total[:, 3])
-        total = total + torch.where(is_sure, _values(disperse(registered, observed)), 0.0)
-    reason = "" if total.any() else "colours agree in size and focus, as far as is known"
-    return ChromaticDefect(1 + total[:, 2], total[:, :2], total[:, 3], reason_to_skip=reason)
+        observed = observe_again(registered, *total.unbind(1))
+        total = total + torch.where(is_sure, disperse(registered, observed)[0], 0.0)
+    if not total.any():
+        return "colours agree in size and focus, as far as is known"
+    return ChromaticDefect(1 + total[:, 0], total[:, 1])
 
 
-def _values(dispersions: list[Dispersion]) -> Tensor:
-    """Offsets down and right, magnification minus 1, and added disparity, [C, 4]."""
-    return torch.stack([torch.cat([one.lateral.values, one.axial.values]) for one in dispersions])
-
-
-def is_certain(dispersion: Dispersion, reach: float) -> list[bool]:
-    """Whether each of the four values is certain and shows, in views as far as `reach` from the centre."""
-    lateral, axial = dispersion
+def is_certain(lateral: Fitted, axial: Fitted, reach: float) -> list[bool]:
+    """Whether magnification and disparity are certain and show, in views as far as `reach` from the centre."""
     is_lateral = abs(float(lateral.values[2])) > SURE * float(lateral.errors[2])
     is_lateral = is_lateral and lateral.effect > max(SHOWN, CLEAR_LATERAL * lateral.scatter)
-    has_offset = [
-        is_lateral and abs(value) > max(LEAST_OFFSET, SURE * error)
-        for value, error in zip(lateral.values[:2].tolist(), lateral.errors[:2].tolist(), strict=True)
-    ]
     disparity = abs(float(axial.values[0]))
     is_axial = disparity > SURE * float(axial.errors[0])
     is_axial = is_axial and disparity * reach > SHOWN and disparity > CLEAR_AXIAL * axial.scatter
-    return [*has_offset, is_lateral, is_axial]
+    return [is_lateral, is_axial]
 
 
-def disperse(registered: Registration, observed: Observed) -> list[Dispersion]:
-    """Compare all channels with the middle one; each channel is observed where it is expected."""
+def disperse(registered: Registration, observed: Observed) -> tuple[Tensor, Tensor]:
+    """Compare all channels with the middle one; each channel is observed where it is expected.
+
+    Returns magnification minus 1 and added disparity in pixels per view step, [C, 2], and whether each is certain.
+    """
     n_channels = observed.templates.shape[1]
     middle = n_channels // 2  # green of three
+    values = torch.zeros(n_channels, 2, dtype=torch.float64)
+    is_sure = torch.zeros(n_channels, 2, dtype=torch.bool)
     # Disparities of each patch and channel along rows and columns, and their precisions, [K, C, 2].
     positions, trust = registered.positions, registered.explanation.trust
     inner = torch.einsum("ki,ia,kcab,ib->kcab", trust, positions, observed.information, positions)
     own = torch.einsum("ki,ia,kica->kca", trust, positions, observed.moments)
     disparities = torch.linalg.solve(displacements.ridged(inner), own)
     precision = inner.diagonal(dim1=-2, dim2=-1) / registration.noise_of(observed)[..., None]
-    dispersions = []
-    for channel in range(n_channels):
-        if channel == middle:
-            none = (torch.zeros(n, dtype=torch.float64) for n in (3, 1))
-            dispersions.append(Dispersion(*(Fitted(zeros, zeros, 0.0, 0.0) for zeros in none)))
-            continue
+    reach = float(positions.abs().max())
+    for channel in set(range(n_channels)) - {middle}:
         information, moved = compare_colours(observed.templates[:, channel], observed.templates[:, middle])
+        # Offsets down and right, which are not corrected, and magnification.
         eye = torch.eye(2, dtype=moved.dtype).expand(len(moved), 2, 2)
         lateral = displacements.fit_linear(torch.cat([eye, _centred(registered)[..., None]], -1), moved, information)
         differences = disparities[:, channel] - disparities[:, middle]
-        dispersions.append(Dispersion(lateral, added_disparity(differences, precision[:, [channel, middle]])))
-    return dispersions
+        variance = (1 / precision[:, [channel, middle]].clamp(min=TINY)).sum(1) + LEAST_ERROR**2
+        model = torch.ones_like(differences)[..., None]
+        axial = displacements.fit_linear(model, differences, torch.diag_embed(1 / variance))
+        values[channel] = torch.cat([lateral.values[2:], axial.values])
+        is_sure[channel] = torch.tensor(is_certain(lateral, axial, reach))
+    return values, is_sure
 
 
-def added_disparity(differences: Tensor, precision: Tensor) -> Fitted:
-    """Mean difference [1] of disparities [K, 2], weighted by the precisions of both colours, [K, 2 colours, 2]."""
-    variance = (1 / precision.clamp(min=TINY)).sum(1) + LEAST_ERROR**2
-    model = torch.ones(*differences.shape, 1, dtype=differences.dtype)
-    return displacements.fit_linear(model, differences, torch.diag_embed(1 / variance))
-
-
-def observe_again(registered: Registration, offsets: Tensor, sizes: Tensor, disparities: Tensor) -> Observed:
-    """Patches, each channel read where it lies by its offset [C, 2], magnification minus 1 and added disparity [C]."""
+def observe_again(registered: Registration, sizes: Tensor, disparities: Tensor) -> Observed:
+    """Patches, each channel read where it lies by its magnification minus 1 and added disparity [C]."""
     views = registered.field.views.detach().cpu().flatten(0, 1)
     middles = _centred(registered)[:, None] + registered.expected
     samples = []
     for c in range(views.shape[1]):
-        read_at = registered.expected + offsets[c] + sizes[c] * middles + disparities[c] * registered.positions
+        read_at = registered.expected + sizes[c] * middles + disparities[c] * registered.positions
         samples.append(displacements.read_patches(views, registered.patches, read_at, [c]))
     return displacements.observe(torch.cat(samples, 2), registered.observed.shown)
 

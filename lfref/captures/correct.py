@@ -14,33 +14,33 @@ import torch
 from torch import Tensor
 
 from lfref.captures import bad_pixels, brightness, chromatic, registration, view_order, vignetting
+from lfref.captures.bad_pixels import BlackViewsDefect, HotPixelsDefect
+from lfref.captures.brightness import ExposureDefect
+from lfref.captures.chromatic import ChromaticDefect
 from lfref.captures.defect import Defect
-from lfref.captures.registration import Registration, SpacingDefect
+from lfref.captures.registration import AlignmentDefect, Registration, SpacingDefect
+from lfref.captures.view_order import ViewOrderDefect
+from lfref.captures.vignetting import VignettingDefect
 from lfref.errors import CheckpointError, FileError, InputError, first_line
 from lfref.io import tensor_files
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import CoarseDisparity, ReducedViews
 
-VERSION = 3
-"""Version of all corrections, a part of cache keys; raise it when corrected light fields change."""
-SMALLEST = 32
-"""Least height and width of views: 8 of the 4-pixel blocks in which brightness is compared."""
-TEXTURE, LEAST_TEXTURED = 0.01, 0.1
-"""Difference of the root of light of neighbours in a texture, and part of the picture with textures from which views
-that do not fit together cannot be compared in brightness."""
-FORMAT = "lfref corrections 5"
+VERSION = 4  # of all corrections, a part of cache keys; raise it when corrected light fields change
+SMALLEST = 32  # pixels, height and width of views: 8 of the 4-pixel blocks in which brightness is compared
+TEXTURE = 0.01  # difference of the root of light of neighbours in a texture
+LEAST_TEXTURED = 0.1  # share of the picture with textures from which views that do not fit together are not compared
+FORMAT = "lfref corrections 6"
 AUTO, NONE = "auto", "none"
-
-
 KINDS: tuple[type[Defect], ...] = (
-    view_order.ViewOrderDefect,
-    bad_pixels.HotPixelsDefect,
-    bad_pixels.BlackViewsDefect,
-    vignetting.VignettingDefect,
-    brightness.ExposureDefect,
-    chromatic.ChromaticDefect,
-    registration.AlignmentDefect,
+    ViewOrderDefect,
+    HotPixelsDefect,
+    BlackViewsDefect,
+    VignettingDefect,
+    ExposureDefect,
+    ChromaticDefect,
+    AlignmentDefect,
     SpacingDefect,
 )
 """All defects in the order of correction."""
@@ -49,16 +49,13 @@ KINDS: tuple[type[Defect], ...] = (
 class CentralView(NamedTuple):
     """Disparity of the central view, from which all estimates start."""
 
-    reference: tuple[int, int]
-    """Row and column of the view to which the maps belong, such as (7, 7) of 14x14."""
+    reference: tuple[int, int]  # row and column of the view to which the maps belong, such as (7, 7) of 14x14
     disparity: Tensor
     """Disparity in pixels per view step, [H, W]. Reduced pixels are repeated: no value lies between two surfaces."""
     confidence: Tensor
     """Confidence in [0, 1], [H, W]; above 1/2 the standard error of the disparity is below .03 reduced pixels."""
-    coarse: CoarseDisparity
-    """The same maps at low resolution."""
-    reduced: ReducedViews
-    """The small views from which the maps were estimated."""
+    coarse: CoarseDisparity  # the same maps at low resolution
+    reduced: ReducedViews  # the small views from which the maps were estimated
 
     @property
     def slopes(self) -> tuple[float, float] | None:
@@ -75,13 +72,16 @@ class CentralView(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """Estimated defects of a light field, in the order of correction."""
+    """What estimates found in a light field."""
 
     grid: tuple[int, int]
     """View rows and columns of the light field."""
     size: tuple[int, int]
     """Height and width of its views in pixels."""
     defects: tuple[Defect, ...]
+    """Defects that show, in the order of correction."""
+    unchanged: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Name of a defect that does not show -> what the estimate found."""
     skipped: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """Name of a defect that was not estimated, or is not corrected on request -> why."""
 
@@ -91,15 +91,13 @@ class Corrections:
     @property
     def active(self) -> tuple[str, ...]:
         """Names of the defects that are corrected."""
-        return tuple(d.name for d in self.defects if not d.reason_to_skip and d.name not in self.skipped)
+        return tuple(defect.name for defect in self.defects if defect.name not in self.skipped)
 
     def texts(self) -> dict[str, str]:
         """Name of each defect -> what is corrected, or why it is not."""
-        reasons = {defect.name: defect.reason_to_skip for defect in self.defects} | dict(self.skipped)
-        return {
-            name: f"unchanged: {reason}" if reason else f"corrected: {self[name].summary()}"
-            for name, reason in reasons.items()
-        }
+        reasons = {name: f"unchanged: {reason}" for name, reason in {**self.unchanged, **self.skipped}.items()}
+        texts = reasons | {name: f"corrected: {self[name].summary()}" for name in self.active}
+        return {kind.name: texts[kind.name] for kind in KINDS if kind.name in texts}
 
     def summary(self) -> str:
         """The same as lines."""
@@ -120,7 +118,7 @@ class Corrections:
     def save(self, path: str | Path) -> None:
         """Write a file that `load` reads."""
         # Not `dataclasses.asdict`, which copies tensors.
-        findings = {defect.name: vars(defect) for defect in self.defects if not defect.reason_to_skip}
+        findings = {defect.name: vars(defect) for defect in self.defects}
         contents = {"format": FORMAT, "grid": self.grid, "size": self.size, "findings": findings}
         tensor_files.write_checkpoint(path, contents)
 
@@ -175,7 +173,9 @@ def correct(
     if how == NONE:
         return field, Corrections(field.grid, field.size, ())
     if how == AUTO:
-        _check_flat_field(field, flat_field)
+        if flat_field and (_shape(flat_field) != _shape(field) or (field.is_linear and not flat_field.is_linear)):
+            expected = f"the flat field must have the {_shape(field)} of {field.name or 'the light field'}, as linear"
+            raise InputError(expected, got=_shape(flat_field), remedy="read both with the same reader options")
         return _estimate_and_correct(field, flat_field, even_grid_for, in_place)
     if flat_field is not None:
         raise InputError("a flat field is for correct=auto", got=f"correct={how}", remedy="leave flat_field= out")
@@ -192,17 +192,19 @@ def _estimate_and_correct(
     field: LightField, flat_field: LightField | None, even_grid_for: str | None, in_place: bool
 ) -> tuple[LightField, Corrections]:
     """Estimate all defects in turn, and correct those that show."""
-    grid, size, defects, skipped = field.grid, field.size, list[Defect](), _skipped_of_encoded(field)
-    reason = _reason_to_estimate_nothing(field)
-    if reason:
-        return field, Corrections(grid, size, (), {kind.name: reason for kind in KINDS})
+    grid, size, skipped = field.grid, field.size, _skipped_of_encoded(field)
+    if reason := _reason_to_estimate_nothing(field):
+        return field, Corrections(grid, size, (), skipped={kind.name: reason for kind in KINDS})
+    defects: list[Defect] = []
+    unchanged: dict[str, str] = {}
 
-    def correct_if_due(defect: Defect) -> bool:
-        """Note a defect, and correct the light field if the defect shows; returns whether it does."""
+    def correct_if_due(kind: type[Defect], defect: Defect | str) -> bool:
+        """Note what an estimate found, and correct the light field if a defect shows; returns whether one does."""
         nonlocal field
-        defects.append(defect)
-        if defect.reason_to_skip or defect.name in skipped:
+        if isinstance(defect, str):
+            unchanged[kind.name] = defect
             return False
+        defects.append(defect)
         corrected = defect.corrected(field)
         if in_place and corrected.views is not field.views and corrected.views.shape == field.views.shape:
             field.views.copy_(corrected.views)
@@ -212,37 +214,39 @@ def _estimate_and_correct(
 
     # Each correction changes the estimates after it.
     view = central_view(field)
-    order = view_order.find(view.reduced)
-    if correct_if_due(order):
+    if correct_if_due(ViewOrderDefect, view_order.find(view.reduced)):
         view = central_view(field)
-        flat_field = None if flat_field is None else order.corrected(flat_field)  # it was read in the same order
-    is_new = correct_if_due(bad_pixels.find_hot(field, view.disparity, view.reference))
-    is_new |= correct_if_due(bad_pixels.find_black(field))
-    # A flat field compares no views of the light field. Strong shading may be why they show nothing in common.
-    is_new |= flat_field is not None and field.is_linear and correct_if_due(vignetting.find_by_flat_field(flat_field))
+        flat_field = flat_field and defects[0].corrected(flat_field)  # it was read in the same order
+    is_new = correct_if_due(HotPixelsDefect, bad_pixels.find_hot(field, view.disparity, view.reference))
+    is_new |= correct_if_due(BlackViewsDefect, bad_pixels.find_black(field))
+    if flat_field and field.is_linear:
+        # It compares no views of the light field. Strong shading may be why they show nothing in common.
+        is_new |= correct_if_due(VignettingDefect, vignetting.find_by_flat_field(flat_field))
     view = central_view(field) if is_new else view
     if not view.is_comparable:
-        names = [brightness.ExposureDefect.name, *([vignetting.VignettingDefect.name] if flat_field is None else [])]
+        names = [ExposureDefect.name, *([VignettingDefect.name] if flat_field is None else [])]
         skipped = dict.fromkeys(names, "unknown: the views show no common disparities") | skipped
     elif field.is_linear:
         ratios = brightness.ratios(field, view.disparity, view.reference)
-        if flat_field is None and correct_if_due(vignetting.find(ratios)):
+        if flat_field is None and correct_if_due(VignettingDefect, vignetting.find(ratios)):
             view = central_view(field)
             ratios = brightness.ratios(field, view.disparity, view.reference)
-        if correct_if_due(brightness.find_exposure(ratios)):
+        if correct_if_due(ExposureDefect, brightness.find_exposure(ratios)):
             view = central_view(field)
     registered = _registration(field, view)
-    if correct_if_due(chromatic.find(field, registered)):
+    if correct_if_due(ChromaticDefect, chromatic.find(field, registered)):
         view = central_view(field)
         registered = _registration(field, view)
-    if correct_if_due(registration.find_alignment(field.grid, registered)):
+    if correct_if_due(AlignmentDefect, registration.find_alignment(registered)):
         view = central_view(field)
         registered = _registration(field, view)
     spacing = registration.find_spacing(registered)
-    if even_grid_for and not spacing.reason_to_skip:
+    if even_grid_for and isinstance(spacing, SpacingDefect):
+        defects.append(spacing)
         skipped |= {spacing.name: f"{spacing.summary()}, but {even_grid_for}"}
-    correct_if_due(spacing)
-    return field, Corrections(grid, size, tuple(defects), skipped)
+    else:
+        correct_if_due(SpacingDefect, spacing)
+    return field, Corrections(grid, size, tuple(defects), unchanged, skipped)
 
 
 def _registration(field: LightField, view: CentralView) -> Registration | None:
@@ -261,14 +265,6 @@ def central_view(field: LightField) -> CentralView:
     )
     disparity, confidence = (small[rows][:, columns] for small in (coarse.disparity, coarse.confidence))
     return CentralView(reduced.indices[0], disparity, confidence, coarse, reduced)
-
-
-def _check_flat_field(field: LightField, flat_field: LightField | None) -> None:
-    if flat_field and (
-        (flat_field.grid, flat_field.size) != (field.grid, field.size) or (field.is_linear and not flat_field.is_linear)
-    ):
-        expected = f"the flat field must have the {_shape(field)} of {field.name or 'the light field'}, as linear"
-        raise InputError(expected, got=_shape(flat_field), remedy="read both with the same reader options")
 
 
 def _reason_to_estimate_nothing(field: LightField) -> str:

@@ -34,12 +34,9 @@ INSIDE = (..., slice(RING, -RING), slice(RING, -RING))
 class Patches(NamedTuple):
     """Patches of the central view."""
 
-    rows: Tensor
-    """First pixel row, int64, [K]."""
-    columns: Tensor
-    """First pixel column, int64, [K]."""
-    disparity: Tensor
-    """Disparity in pixels per view step, float64, [K]."""
+    rows: Tensor  # first pixel row, int64, [K]
+    columns: Tensor  # first pixel column, int64, [K]
+    disparity: Tensor  # disparity in pixels per view step, float64, [K]
 
     @property
     def centres(self) -> Tensor:
@@ -131,16 +128,11 @@ def _read(views, channels, rows, columns, row_weights, column_weights, patches, 
 class Observed(NamedTuple):
     """Displacements of patches as normal equations: `moments = information @ displacement`."""
 
-    information: Tensor
-    """Sums of products of gradients (down, right), float64, [K, C, 2, 2]."""
-    moments: Tensor
-    """Sums of products of gradients and light, float64, [K, I, C, 2]."""
-    rest: Tensor
-    """Sums of squares that displacements do not explain, float64, [K, I, C]."""
-    templates: Tensor
-    """Mean of the views, [K, C, h, w]."""
-    shown: Tensor
-    """1 where a view shows a patch about as clearly as the others, else 0, [K, I]."""
+    information: Tensor  # sums of products of gradients (down, right), float64, [K, C, 2, 2]
+    moments: Tensor  # sums of products of gradients and light, float64, [K, I, C, 2]
+    rest: Tensor  # sums of squares that displacements do not explain, float64, [K, I, C]
+    templates: Tensor  # mean of the views, [K, C, h, w]
+    shown: Tensor  # 1 where a view shows a patch about as clearly as the others, else 0, [K, I]
 
 
 def observe(samples: Tensor, shown: Tensor) -> Observed:
@@ -192,14 +184,10 @@ def ridged(matrix: Tensor) -> Tensor:
 class Fitted(NamedTuple):
     """Parameters of a linear model, and their errors."""
 
-    values: Tensor
-    """Values of the parameters, [M]."""
-    errors: Tensor
-    """Standard errors, from the scatter of observations, [M]."""
-    effect: float
-    """Root mean square of the model's predictions."""
-    scatter: float
-    """Robust standard deviation of the residuals."""
+    values: Tensor  # values of the parameters, [M]
+    errors: Tensor  # standard errors, from the scatter of observations, [M]
+    effect: float  # root mean square of the model's predictions
+    scatter: float  # robust standard deviation of the residuals
 
 
 def fit_linear(model: Tensor, observations: Tensor, information: Tensor, prior: Tensor | None = None) -> Fitted:

@@ -20,11 +20,8 @@ from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 
 log = logging.getLogger(__name__)
-LEAST_BLUR = 0.5
-"""Least shift, in pixels, of the outermost views against the centre at the first and last plane: half a pixel is the
-least blur that shows."""
-UNKNOWN = (-1.0, 1.0)
-"""First and last plane of a light field whose range of slopes is unknown, in pixels per view step."""
+LEAST_BLUR = 0.5  # pixels: least shift of the outermost views at the first and last plane, the least blur that shows
+UNKNOWN = (-1.0, 1.0)  # first and last plane where the range of slopes is unknown, in pixels per view step
 NO_SLOPES = (
     "slopes are unknown (nothing moves, or too far, or the views do not belong together): give slopes=[LOW,HIGH], or "
     "check reader.angular_size, reader.grid and reader.spacing (see lfref info)"
@@ -95,12 +92,9 @@ class Inspection:
     def advice(self) -> list[str]:
         """Options that would help, each with its reason, in one line."""
         lines = []
-        order = next((d for d in self.corrections.defects if isinstance(d, ViewOrderDefect)), ViewOrderDefect())
-        if order.remedy:
-            lines.append(f"the views focus better in another order: give {order.remedy}")
-        if self.slopes is None and order.row_spacing != 1:
-            spacing = f"{order.row_spacing:.2g}"
-            lines.append(f"rows seem {spacing} times as far apart as columns: give reader.spacing=[{spacing},1]")
+        for defect in self.corrections.defects:
+            if isinstance(defect, ViewOrderDefect):
+                lines.append(f"the views focus better in another order: give {defect.remedy}")
         if self.slopes is None:
             lines.append(NO_SLOPES)
         if self.corrections.active:

@@ -36,20 +36,17 @@ LINEAR = 3.0  # times the rms of the other shifts, by trial: stripes look like l
 LEAST_EFFECT = 0.04  # least displacement of patches of large disparity in the outermost view, in pixels, by trial
 CLEAR = 0.6  # least share of the scatter of patches, by trial: bent and glossy surfaces scatter all patches
 LIKELY = 0.2  # by trial: standard deviation of the ratio before any measurement, since cameras are built evenly
+UNKNOWN = "unknown: too little texture, or too few views"
 LEAST_ERROR = 0.002  # pixels per view step, by trial: the least error of a patch's disparities
 
 
 class Explanation(NamedTuple):
     """Shifts of views and disparities of patches that explain displacements best."""
 
-    shifts: Tensor
-    """Shifts of the views (down, right) in pixels, float64, [I, 2]."""
-    disparities: Tensor
-    """Disparities of the patches along rows and along columns, in pixels per view step, [K, 2]."""
-    precision: Tensor
-    """Inverse variance of the disparities, [K, 2]."""
-    trust: Tensor
-    """Weight of each displacement, [0, 1], [K, I]."""
+    shifts: Tensor  # shifts of the views (down, right) in pixels, float64, [I, 2]
+    disparities: Tensor  # disparities of the patches along rows and along columns, in pixels per view step, [K, 2]
+    precision: Tensor  # inverse variance of the disparities, [K, 2]
+    trust: Tensor  # weight of each displacement, [0, 1], [K, I]
 
 
 class Registration(NamedTuple):
@@ -57,16 +54,11 @@ class Registration(NamedTuple):
 
     field: LightField
     patches: Patches
-    positions: Tensor
-    """Positions of all views from the angular centre, [I, 2]."""
-    expected: Tensor
-    """Displacements at which patches were read, in pixels, [K, I, 2]."""
-    observed: Observed
-    """Displacements of each channel from the expected ones."""
-    information: Tensor
-    """Information of all channels, in inverse square pixels, [K, 2, 2]."""
-    moved: Tensor
-    """Displacements (down, right) in pixels, [K, I, 2]."""
+    positions: Tensor  # positions of all views from the angular centre, [I, 2]
+    expected: Tensor  # displacements at which patches were read, in pixels, [K, I, 2]
+    observed: Observed  # displacements of each channel from the expected ones
+    information: Tensor  # information of all channels, in inverse square pixels, [K, 2, 2]
+    moved: Tensor  # displacements (down, right) in pixels, [K, I, 2]
     explanation: Explanation
 
     def explain(self, unknown: Tensor, chosen: Tensor | slice = slice(None)) -> Explanation:
@@ -205,11 +197,6 @@ def limited(information: Tensor) -> Tensor:
     return (vectors * sure[..., None, :]) @ vectors.mT
 
 
-def centred(size: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """Rows [H] and columns [W] of pixels from the picture's centre, float64."""
-    return geometry.angular_offsets(size[0]), geometry.angular_offsets(size[1])
-
-
 def resampled(field: LightField, rows: Tensor, columns: Tensor) -> LightField:
     """A light field whose views and weights are read elsewhere; arguments are those of `interpolation.resample`."""
     weight = field.weight
@@ -226,10 +213,8 @@ class AlignmentDefect(Defect):
 
     name = "alignment"
 
-    shifts: Tensor
-    """Shifts down and right, in pixels, float64, [V, U, 2]."""
-    error: float
-    """Standard error of a shift along an axis in pixels, from the quarters of the picture."""
+    shifts: Tensor  # shifts down and right, in pixels, float64, [V, U, 2]
+    error: float  # standard error of a shift along an axis in pixels, from the quarters of the picture
 
     def summary(self) -> str:
         """Size of the shifts, and what remains unknown."""
@@ -241,16 +226,15 @@ class AlignmentDefect(Defect):
 
     def corrected(self, field: LightField) -> LightField:
         """Views shifted back."""
-        rows, columns = centred(field.size)
+        rows, columns = (geometry.angular_offsets(length) for length in field.size)
         down, right = self.shifts[:, :, None, None].unbind(-1)
         return resampled(field, rows + down, columns + right)
 
 
-def find_alignment(grid: tuple[int, int], registered: Registration | None) -> AlignmentDefect:
+def find_alignment(registered: Registration | None) -> AlignmentDefect | str:
     """Estimate the shift of every view; without a registration the shifts are unknown."""
     if registered is None:
-        reason = "unknown: too little texture, or too few views"
-        return AlignmentDefect(torch.zeros(*grid, 2, dtype=torch.float64), float("inf"), reason_to_skip=reason)
+        return UNKNOWN
     shifts = registered.explanation.shifts
     rms = float(shifts.square().mean().sqrt())
     linear = linear_shifts(registered.positions)
@@ -262,9 +246,9 @@ def find_alignment(grid: tuple[int, int], registered: Registration | None) -> Al
     quarters = torch.stack([registered.explain(linear, quarter).shifts for quarter in registered.quarters()])
     error = float(quarters.var(0).mean().sqrt() / len(quarters) ** 0.5)
     rms = float(shifts.square().mean().sqrt())
-    is_large = rms > max(LEAST_SHIFT, SURE * error)
-    reason = "" if is_large else f"views lie within {rms:.3f} px (rms) of their places, to {error:.3f} px"
-    return AlignmentDefect(shifts.unflatten(0, grid), error, reason_to_skip=reason)
+    if rms <= max(LEAST_SHIFT, SURE * error):
+        return f"views lie within {rms:.3f} px (rms) of their places, to {error:.3f} px"
+    return AlignmentDefect(shifts.unflatten(0, registered.field.grid), error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,12 +257,9 @@ class SpacingDefect(Defect):
 
     name = "spacing"
 
-    ratio: float
-    """Factor that corrects the rows' positions; NaN: unknown."""
-    error: float
-    """Standard error of the ratio."""
-    spacing: float = 1.0
-    """Distance between rows over that between columns by the positions before the correction."""
+    ratio: float  # factor that corrects the rows' positions
+    error: float  # standard error of the ratio
+    spacing: float = 1.0  # distance between rows over that between columns by the positions before the correction
 
     def summary(self) -> str:
         """The ratio, and the reader's option that sets the same."""
@@ -295,34 +276,20 @@ class SpacingDefect(Defect):
         return dataclasses.replace(field, positions=positions)
 
 
-def find_spacing(registered: Registration | None) -> SpacingDefect:
+def find_spacing(registered: Registration | None) -> SpacingDefect | str:
     """Compare disparities along rows and along columns; unknown without a registration, or in a single row."""
     if registered is None or min(registered.field.grid) == 1:
-        reason = "unknown: too little depth or texture, or too few rows and columns of views"
-        return SpacingDefect(float("nan"), float("inf"), reason_to_skip=reason)
+        return UNKNOWN
     fit, ratio = fit_ratio(registered, torch.ones(len(registered.observed.shown), dtype=torch.bool))
     quarters = torch.tensor([fit_ratio(registered, quarter)[1] for quarter in registered.quarters()])
     error = max(float(fit.errors[1]), float(quarters.std()) / len(quarters) ** 0.5)
-    disparities = registered.explanation.disparities[:, 1].abs()
-    outermost = float(registered.positions[:, 0].abs().max())
-    is_sure = is_certain(abs(float(fit.values[1])), error, disparities, outermost, fit.scatter)
-    defect = SpacingDefect(ratio, error, _row_spacing(registered.positions.unflatten(0, registered.field.grid)))
-    return defect if is_sure else dataclasses.replace(defect, reason_to_skip=defect.distances())
-
-
-def _row_spacing(positions: Tensor) -> float:
-    """Distance between rows over that between columns, of positions (v, u), [V, U, 2]."""
+    disparities, excess = registered.explanation.disparities[:, 1].abs(), abs(float(fit.values[1]))
+    shift = excess * float(disparities.quantile(0.9)) * float(registered.positions[:, 0].abs().max())
+    shows = shift > LEAST_EFFECT and excess * float(disparities.median()) > CLEAR * fit.scatter
+    positions = registered.positions.unflatten(0, registered.field.grid)
     rows, columns = (float(positions.diff(dim=axis)[..., axis].mean()) for axis in (0, 1))
-    return rows / columns
-
-
-def is_certain(excess: float, error: float, disparities: Tensor, outermost: float, scatter: float) -> bool:
-    """Whether an excess of disparities along rows is certain, shows in the outermost view, and exceeds the scatter.
-
-    `disparities` are absolute values of patches, [K]; `scatter` is the part of them that the excess does not explain.
-    """
-    shift = excess * float(disparities.quantile(0.9)) * outermost
-    return excess > SURE * error and shift > LEAST_EFFECT and excess * float(disparities.median()) > CLEAR * scatter
+    defect = SpacingDefect(ratio, error, rows / columns)
+    return defect if excess > SURE * error and shows else defect.distances()
 
 
 def fit_ratio(registered: Registration, chosen: Tensor) -> tuple[Fitted, float]:

@@ -46,24 +46,20 @@ class VignettingDefect(Defect):
     name = "vignetting"
     needs_light = True
 
-    falloff: float = 0.0
-    """Square of the tangent of the field angle at the corner; 0 where it is unknown."""
+    falloff: float = 0.0  # square of the tangent of the field angle at the corner; 0 where it is unknown
     displacement: float = 0.0
     """Displacement of the rim at the picture's corner, in view steps; 0 where it clips nothing."""
-    radius: float = 1e3
-    """Radius of the rim, in view steps."""
-    flat_field: Tensor | None = None
-    """Gain from a flat field, [V, U, C, H, W]."""
+    radius: float = 1e3  # radius of the rim, in view steps
+    flat_field: Tensor | None = None  # gain from a flat field, [V, U, C, H, W]
 
     def summary(self) -> str:
         """Light left in the darkest corner, and what is unknown."""
         if self.flat_field is not None:
             return f"by the flat field, down to {self.flat_field.min():.0%} of the light"
-        cats_eye = f"a rim of {self.radius:.2f} view steps, displaced by {self.displacement:.2f} at the corners"
-        if not self.falloff:
-            return f"{cats_eye}; falloff that all views share is unknown without a flat field"
         left = float(falloff_gain(self._rim, torch.tensor(1.0), torch.tensor(0.0)))
-        return f"{cats_eye}; falloff to {left:.0%} in all corners, by parallax"
+        falloff = f"{left:.0%} in all corners, by parallax" if self.falloff else "unknown without a flat field"
+        rim = f"a rim of {self.radius:.2f} view steps, displaced by {self.displacement:.2f} at the corners"
+        return f"{rim}; falloff that all views share: {falloff}"
 
     def gain(self, field: LightField) -> Tensor:
         """Light that reaches each sample, relative to the middle of the central view, float32, [V, U, C or 1, H, W]."""
@@ -87,28 +83,28 @@ class VignettingDefect(Defect):
         return Rim(self.falloff, self.displacement, self.radius)
 
 
-def find_by_flat_field(flat_field: LightField) -> VignettingDefect:
+def find_by_flat_field(flat_field: LightField) -> VignettingDefect | str:
     """Take the gain of all samples from a flat field."""
     gain, error = flat_field_gain(flat_field.views)
     # The loss that one sample in a hundred exceeds; every fourth row and column is enough.
     losses = (1 - gain[..., ::4, ::4]).abs().flatten()
     loss = float(losses.kthvalue(max(1, int(0.99 * len(losses)))).values)
-    reason = "" if loss > max(LEAST_LOSS, CERTAIN * error) else "the flat field is even"
+    if loss <= max(LEAST_LOSS, CERTAIN * error):
+        return "the flat field is even"
     # Half precision keeps gains to 1 in 2000, and files small.
-    return VignettingDefect(flat_field=gain.half(), reason_to_skip=reason)
+    return VignettingDefect(flat_field=gain.half())
 
 
-def find(ratios: Ratios) -> VignettingDefect:
+def find(ratios: Ratios) -> VignettingDefect | str:
     """Estimate the gain of all samples from the brightness of the views."""
     # Standard deviation of ratios from window to window, by neighbours.
     log, known = (maps.unflatten(-1, ratios.shape) for maps in (ratios.log.mean(2), ratios.known))
     steps = (log[..., 1:] - log[..., :-1])[known[..., 1:] & known[..., :-1]]
-    unknown = VignettingDefect(reason_to_skip="unknown: too little is visible in all views, or no rim fits them")
     if len(steps) < LEAST_WINDOWS * known.shape[0] * known.shape[1] / 2:
-        return unknown
+        return "unknown: too little is visible in all views"
     scatter = 1.4826 * float(steps.abs().median()) / math.sqrt(2)
     fit = fit_rim(ratios, scatter)
-    return unknown if gives_up_light(fit.rim, ratios) else certain_vignetting(fit)
+    return "unknown: no rim fits the views" if gives_up_light(fit.rim, ratios) else certain_vignetting(fit)
 
 
 def gives_up_light(rim: "Rim", ratios: Ratios) -> bool:
@@ -123,10 +119,10 @@ def gives_up_light(rim: "Rim", ratios: Ratios) -> bool:
     return bool((light > TRUSTED).any())
 
 
-def certain_vignetting(fit: "RimFit") -> VignettingDefect:
+def certain_vignetting(fit: "RimFit") -> VignettingDefect | str:
     """The rim of a fit, if it explains the views clearly better than no rim; its falloff is 0 where it is uncertain."""
     if fit.gain < LEAST_GAIN or not fit.rim.displacement:
-        return VignettingDefect(reason_to_skip="no view is darker in its corners than others")
+        return "no view is darker in its corners than others"
     is_sure = fit.rim.falloff > SURE * fit.falloff_error and fit.least_falloff > AGREED * fit.rim.falloff
     falloff = fit.rim.falloff if is_sure else 0.0
     if falloff < SURE * fit.disagreement:
@@ -138,12 +134,9 @@ def certain_vignetting(fit: "RimFit") -> VignettingDefect:
 class Rim(NamedTuple):
     """Parameters of a lens, in the order of the fit."""
 
-    falloff: float = 0.0
-    """Square of the tangent of the field angle at the picture's corner."""
-    displacement: float = 0.0
-    """Displacement of the rim at the picture's corner, in view steps."""
-    radius: float = 1e3
-    """Radius of the rim, in view steps."""
+    falloff: float = 0.0  # square of the tangent of the field angle at the picture's corner
+    displacement: float = 0.0  # displacement of the rim at the picture's corner, in view steps
+    radius: float = 1e3  # radius of the rim, in view steps
 
 
 class RimFit(NamedTuple):
@@ -153,12 +146,9 @@ class RimFit(NamedTuple):
     gain: float
     """Squared scatters per window by which the rim explains the views better than a pupil that is not clipped, in the
     second worst of the picture's four quarters."""
-    falloff_error: float
-    """Standard error of the falloff, from the disagreement of the picture's tiles."""
-    least_falloff: float = math.inf
-    """Falloff of the second worst quarter by itself."""
-    disagreement: float = 0.0
-    """Standard error of the falloff, from the disagreement of quarters, each by itself."""
+    falloff_error: float  # standard error of the falloff, from the disagreement of the picture's tiles
+    least_falloff: float = math.inf  # falloff of the second worst quarter by itself
+    disagreement: float = 0.0  # standard error of the falloff, from the disagreement of quarters, each by itself
 
 
 def rim_gain(rim: Rim, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
@@ -318,7 +308,9 @@ def flat_field_gain(white: Tensor) -> tuple[Tensor, float]:
     # Take enough samples for little noise in their mean: from 1/32 to 1/8 of the sides about the centre.
     share = noise / NOISE / (2 * min(centre.shape[-2:]))
     level = _middle_level(centre, min(max(share, 1 / 32), 1 / 8))
-    gain, width = (white / level[:, None, None]).clamp(min=0), smoothing_width(noise)
+    gain = (white / level[:, None, None]).clamp(min=0)
+    # A Gaussian of standard deviation s leaves 1 / (2 sqrt(pi) s) of white noise.
+    width = 0.0 if noise <= NOISE else min(WIDEST, max(0.5, noise / (NOISE * 2 * math.sqrt(math.pi))))
     smooth = torch.stack([neighbours.smoothed(view, width) for view in gain.flatten(0, 1)])
     return smooth.unflatten(0, gain.shape[:2]), noise / max(1.0, 2 * math.sqrt(math.pi) * width)
 
@@ -344,9 +336,3 @@ def _roughness(image: Tensor) -> float:
     across = image[..., 2:] - 2 * image[..., 1:-1] + image[..., :-2]
     both = across[..., 2:, :] - 2 * across[..., 1:-1, :] + across[..., :-2, :]
     return 1.4826 * float(both.abs().flatten(1).median(1).values.max()) / 6
-
-
-def smoothing_width(noise: float) -> float:
-    """Standard deviation in pixels of the Gaussian that reduces noise to `NOISE`; 0 if there is less noise."""
-    # A Gaussian of standard deviation s leaves 1 / (2 sqrt(pi) s) of white noise.
-    return 0.0 if noise <= NOISE else min(WIDEST, max(0.5, noise / (NOISE * 2 * math.sqrt(math.pi))))

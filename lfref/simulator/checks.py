@@ -1,51 +1,69 @@
-"""Checks of scene descriptions: an unusable value is refused with one line that names it."""
+"""Descriptions of scenes: frozen dataclasses of plain numbers, which are checked where they are made."""
 
+import dataclasses
+import functools
 import math
-from collections.abc import Iterable
+import types
+from typing import Annotated, Any, ClassVar, get_args, get_origin, get_type_hints
 
 from lfref.errors import InputError
 
-TINY = math.ulp(0.0)
-"""The least number above 0."""
+Share = Annotated[float, 0, 1]
+"""A number from 0 to 1; the two numbers after a type are the limits of its values."""
+Positive = Annotated[float, math.ulp(0.0), math.inf]
+NotNegative = Annotated[float, 0, math.inf]
+Seed = Annotated[int, 0, math.inf]
 
 
-def freeze(description: object) -> None:
-    """Turn the lists of a frozen dataclass, as yaml gives them, into tuples: call it in `__post_init__`."""
-    for name, value in vars(description).items():
-        if isinstance(value, list):
-            object.__setattr__(description, name, _as_tuple(value))
+class Description:
+    """A part of a scene; subclasses are frozen dataclasses.
+
+    Lists, as yaml gives them, become tuples. A value that does not fit the type of its field raises InputError, and so
+    does a number that is not finite.
+    """
+
+    lengths: ClassVar[tuple[str, ...]] = ()
+    """Fields in pixels or in pixels per view step."""
+
+    def __post_init__(self) -> None:
+        kind: Any = type(self)  # mypy takes no class of dataclasses for hashable
+        for name, hint in _hints(kind).items():
+            value = _as_tuple(getattr(self, name))
+            object.__setattr__(self, name, value)
+            if not _fits(value, hint):
+                raise InputError(f"{kind.__name__}.{name} must be {_text(hint)}", got=repr(value))
+
+
+@functools.cache
+def _hints(kind: type) -> dict[str, Any]:
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
 def _as_tuple(value: object) -> object:
     return tuple(map(_as_tuple, value)) if isinstance(value, list | tuple) else value
 
 
-def numbers(what: str, values: Iterable[float], least: float = -math.inf, most: float = math.inf) -> None:
-    """Refuse values that are not finite numbers from `least` to `most`; `what` names them in the error."""
-    values = list(values)
-    is_valid = all(
-        isinstance(value, int | float) and math.isfinite(value) and least <= value <= most for value in values
-    )
-    if not is_valid:
-        limits = [f"at least {least:g}"] * (least > -math.inf) + [f"at most {most:g}"] * (most < math.inf)
-        raise InputError(f"{what} must be finite numbers" + ", ".join(["", *limits]), got=values)
+def _fits(value: Any, hint: Any) -> bool:
+    parts = get_args(hint)
+    if get_origin(hint) is Annotated:
+        kind, low, high = parts
+        return _fits(value, kind) and low <= value <= high
+    if isinstance(hint, types.UnionType):
+        return any(_fits(value, part) for part in parts)
+    if get_origin(hint) is tuple:
+        if not isinstance(value, tuple):
+            return False
+        hints = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
+        return len(value) == len(hints) and all(map(_fits, value, hints))
+    return isinstance(value, int | float) and math.isfinite(value) if hint is float else isinstance(value, hint)
 
 
-def pair(
-    what: str, values: tuple[float, ...], least: float = -math.inf, most: float = math.inf, count: int = 2
-) -> None:
-    """Refuse anything but two numbers, or `count`, within the limits."""
-    if not isinstance(values, tuple) or len(values) != count:
-        raise InputError(f"{what} must have {count} numbers", got=values)
-    numbers(what, values, least, most)
-
-
-def colour(what: str, values: tuple[float, ...], least: float = 0.0, most: float = 1.0) -> None:
-    """Refuse anything but three numbers (red, green, blue) within the limits."""
-    pair(what, values, least, most, count=3)
-
-
-def kind(what: str, value: object, base: type) -> None:
-    """Refuse a part of a scene that is not an instance of a class."""
-    if not isinstance(value, base):
-        raise InputError(f"{what} must be a {base.__name__}", got=repr(value))
+def _text(hint: Any) -> str:
+    """A type and its limits in words."""
+    if get_origin(hint) is Annotated:
+        kind, low, high = get_args(hint)
+        return f"{kind.__name__} from {low:g} to {high:g}"
+    if get_origin(hint) is tuple:
+        return f"({', '.join('...' if part is Ellipsis else _text(part) for part in get_args(hint))})"
+    return hint.__name__ if isinstance(hint, type) else str(hint)

@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -23,14 +23,13 @@ from lfref.simulator.bitmaps import Box
 
 EDGE = 0.5
 """Half the width of an edge in pixels."""
+AtLeastEdge = Annotated[float, EDGE, math.inf]
 Segment = tuple[float, float, float, float]
 """A straight line from (X, Y) to (X, Y)."""
 
 
-class Outline(abc.ABC):
+class Outline(checks.Description, abc.ABC):
     """Outline of a surface."""
-
-    lengths: ClassVar[tuple[str, ...]]  # fields in pixels
 
     @abc.abstractmethod
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
@@ -49,8 +48,6 @@ class Outline(abc.ABC):
 class Full(Outline):
     """No edge: an endless surface."""
 
-    lengths = ()
-
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
         """Signed distance to the edge: -inf, since there is no edge."""
         return x.new_full((len(y), len(x)), -math.inf)
@@ -61,13 +58,8 @@ class Disc(Outline):
     """A circle."""
 
     lengths = ("radius", "centre")
-    radius: float  # radius in pixels
+    radius: AtLeastEdge  # radius in pixels
     centre: tuple[float, float] = (0.0, 0.0)  # (X, Y)
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.numbers("a disc's radius", [self.radius], least=EDGE)
-        checks.pair("a disc's centre", self.centre)
 
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
         """Distance from the circle."""
@@ -86,11 +78,9 @@ class Polygon(Outline):
     corners: tuple[tuple[float, float], ...]  # (X, Y) of three corners at least
 
     def __post_init__(self) -> None:
-        checks.freeze(self)
+        super().__post_init__()
         if len(self.corners) < 3:
             raise InputError("a polygon needs at least three corners", got=self.corners)
-        for corner in self.corners:
-            checks.pair("a polygon's corners", corner)
 
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
         """Distance from the nearest edge; inside is where a ray to the right crosses an odd number of edges."""
@@ -115,16 +105,13 @@ class Leaf(Outline):
     """A pointed leaf: the intersection of two equal circles."""
 
     lengths = ("length", "width", "centre")
-    length: float  # distance from tip to tip in pixels
-    width: float  # width across the middle in pixels, below the length
+    length: checks.Positive  # distance from tip to tip in pixels
+    width: checks.Positive  # width across the middle in pixels, below the length
     angle: float = 0.0  # direction of its axis in degrees, from x towards y
     centre: tuple[float, float] = (0.0, 0.0)  # (X, Y)
 
     def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.numbers("a leaf's length and width", [self.length, self.width], checks.TINY)
-        checks.numbers("a leaf's angle", [self.angle])
-        checks.pair("a leaf's centre", self.centre)
+        super().__post_init__()
         if not self.width < self.length:
             raise InputError("a leaf must be longer than wide", got=f"{self.length:g} x {self.width:g}")
 
@@ -152,21 +139,12 @@ class Twigs(Outline):
     """Thin branching lines that grow from one point, drawn by a seed."""
 
     lengths = ("length", "width", "foot")
-    length: float  # length of the first branch in pixels; each generation is shorter by a third
-    width: float = 2.0  # width of all branches in pixels, at least 1
-    generations: int = 4  # number of forks from foot to tip, from 0 to 6; each branch ends in two
+    length: checks.Positive  # length of the first branch in pixels; each generation is shorter by a third
+    width: Annotated[float, 2 * EDGE, math.inf] = 2.0  # width of all branches in pixels
+    generations: Annotated[int, 0, 6] = 4  # number of forks from foot to tip; each branch ends in two
     angle: float = -90.0  # direction of the first branch in degrees, from x towards y
     foot: tuple[float, float] = (0.0, 0.0)  # (X, Y) of the start of the first branch
-    seed: int = 0  # seed of the directions and lengths of the branches
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.numbers("twigs' length", [self.length], checks.TINY)
-        checks.numbers("twigs' width", [self.width], least=2 * EDGE)
-        checks.numbers("twigs' generations", [self.generations], 0, 6)
-        checks.numbers("twigs' angle", [self.angle])
-        checks.pair("twigs' foot", self.foot)
-        checks.numbers("twigs' seed", [self.seed], least=0)
+    seed: checks.Seed = 0  # seed of the directions and lengths of the branches
 
     def distance(self, x: Tensor, y: Tensor) -> Tensor:
         """Distance from the nearest branch; one pixel where none is near, which is far enough from the edge."""
@@ -211,12 +189,11 @@ class Perforated(Outline):
 
     lengths = ("pitch", "radius")
     pitch: float  # distance of neighbouring holes in pixels
-    radius: float  # radius of a hole in pixels, at most half the pitch less half a pixel
+    radius: AtLeastEdge  # radius of a hole in pixels, at most half the pitch less half a pixel
     angle: float = 0.0  # direction of the lattice in degrees, from x towards y
 
     def __post_init__(self) -> None:
-        checks.numbers("a hole's radius", [self.radius], least=EDGE)
-        checks.numbers("holes' pitch and angle", [self.pitch, self.angle])
+        super().__post_init__()
         if not self.radius <= self.pitch / 2 - EDGE:
             remedy = "half the pitch must be half a pixel more than the radius"
             raise InputError("holes must leave something between them", got=self, remedy=remedy)

@@ -4,8 +4,9 @@ Coordinates are pixels of the central view from the picture's centre, x to the r
 are view steps from the angular centre. The surface of larger disparity is nearer and hides other surfaces.
 """
 
+import math
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated
 
 from torch import Tensor
 
@@ -18,29 +19,25 @@ from lfref.simulator.mattes import Full, Outline
 from lfref.simulator.surfaces import STEEPEST, Geometry
 from lfref.simulator.textures import Texture
 
+Count = Annotated[int, 1, math.inf]
+
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(checks.Description):
     """A grid of views, and the lens whose aperture they sample."""
 
-    grid: tuple[int, int] = (7, 7)  # view rows and columns (V, U)
-    size: tuple[int, int] = (256, 256)  # height and width (H, W) of a view in pixels
+    grid: tuple[Count, Count] = (7, 7)  # view rows and columns (V, U)
+    size: tuple[Count, Count] = (256, 256)  # height and width (H, W) of a view in pixels
     aperture: str = "square"  # `square` or `disc`, U by V view steps: the cells of all views
-    samples: int = field(default=1, repr=False)  # keeps the repr of older descriptions
+    samples: Annotated[int, 1, 8] = field(default=1, repr=False)  # keeps the repr of older descriptions
     """Samples along each axis of a pixel; a pixel is the mean of its samples. Textures end at samples / 2 cycles per
     pixel: with more than one sample, details alias in the views."""
-    truth_error: float = field(default=1e-4, repr=False)
+    truth_error: checks.Positive = field(default=1e-4, repr=False)
     """Greatest root mean square error of a truth near focus, of light 1; planes of a wide blur are more exact.
     With .001 a truth takes a third of the time of .0001."""
 
     def __post_init__(self) -> None:
-        checks.freeze(self)
-        for what, values in (("a camera's grid", self.grid), ("a camera's size", self.size)):
-            checks.pair(what, values, least=1)
-            if not all(isinstance(value, int) for value in values):
-                raise InputError(f"{what} must be whole numbers", got=values)
-        checks.numbers("a camera's samples", [self.samples], 1, 8)
-        checks.numbers("a camera's truth_error", [self.truth_error], checks.TINY)
+        super().__post_init__()
         if self.aperture not in ("square", "disc"):
             raise InputError("aperture must be one of square, disc", got=repr(self.aperture))
 
@@ -56,43 +53,29 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class Surface:
+class Surface(checks.Description):
     """A surface: shape, outline and looks."""
 
-    lengths: ClassVar[tuple[str, ...]] = ("motion",)  # fields in pixels
+    lengths = ("motion",)
     geometry: Geometry
     texture: Texture
     matte: Outline = Full()  # noqa: RUF009  frozen
     material: Material = Matte()  # noqa: RUF009  frozen
-    opacity: float = 1.0  # share of the background that it hides within its outline, from 0 to 1
+    opacity: checks.Share = 1.0  # share of the background that it hides within its outline
     motion: tuple[float, float] = (0.0, 0.0)
     """Movement (x, y) in pixels during the exposure; geometry and outline describe the middle of the exposure."""
 
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.kind("a surface's geometry", self.geometry, Geometry)
-        checks.kind("a surface's texture", self.texture, Texture)
-        checks.kind("a surface's matte", self.matte, Outline)
-        checks.kind("a surface's material", self.material, Material)
-        checks.numbers("a surface's opacity", [self.opacity], 0, 1)
-        checks.pair("a surface's motion", self.motion)
-
 
 @dataclass(frozen=True)
-class Light:
+class Light(checks.Description):
     """The light that falls on all surfaces."""
 
-    gain: float = 1.0
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)  # Red, green and blue
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.numbers("a light's gain", [self.gain], least=0)
-        checks.colour("a light's colour", self.colour, most=1e6)
+    gain: checks.NotNegative = 1.0
+    colour: tuple[checks.NotNegative, checks.NotNegative, checks.NotNegative] = (1.0, 1.0, 1.0)  # red, green and blue
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(checks.Description):
     """Everything that a picture depends on."""
 
     camera: Camera
@@ -100,19 +83,14 @@ class Scene:
     light: Light = Light()
     sensor: Sensor = Sensor()  # noqa: RUF009  frozen
     name: str = ""
-    seed: int = 0  # seed of noise and random textures; the index of a surface also enters its texture
+    seed: checks.Seed = 0  # seed of noise and random textures; the index of a surface also enters its texture
 
     def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.kind("a scene's camera", self.camera, Camera)
-        checks.kind("a scene's light", self.light, Light)
-        checks.kind("a scene's sensor", self.sensor, Sensor)
-        if not isinstance(self.surfaces, tuple) or not self.surfaces:
-            raise InputError("a scene needs at least one surface", got=self.surfaces)
-        checks.numbers("a scene's seed", [self.seed], least=0)
+        super().__post_init__()
+        if not self.surfaces:
+            raise InputError("a scene needs at least one surface")
+        half = self.camera.half_aperture
         for surface in self.surfaces:
-            checks.kind("a scene's surfaces", surface, Surface)
-            half = self.camera.half_aperture
             change = sum(slope * side for slope, side in zip(surface.geometry.steepness(), half, strict=True))
             if change > STEEPEST:
                 raise InputError(

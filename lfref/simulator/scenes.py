@@ -58,10 +58,6 @@ class Fixed(Scenes):
 
     scenes: tuple[Scene, ...]  # at least one, of different names
 
-    def __post_init__(self) -> None:
-        if not self.scenes:
-            raise InputError("there must be at least one scene", got="none")
-
     def scene(self, seed: int, epoch: int, index: int) -> Scene:
         """The scene at `index` modulo their number."""
         cycle, place = divmod(index, len(self.scenes))
@@ -217,40 +213,31 @@ MATERIALS: dict[str, Callable[[RandomDraws, Tone, Camera, Range], Material]] = {
 
 
 @dataclass(frozen=True)
-class RandomSensor:
+class RandomSensor(checks.Description):
     """Random sensors: for each effect the share of scenes that have it, from 0 to 1, and the ranges of its options."""
 
-    chromatic: float = 0.0
+    chromatic: checks.Share = 0.0
     magnification: Range = (0.998, 1.002)  # magnification of red and of blue; green keeps its size and focus
     focus: Range = (-0.05, 0.05)  # disparity added to red and to blue, in pixels per view step
-    vignetting: float = 0.0
+    vignetting: checks.Share = 0.0
     field: Range = (0.0, 0.6)
     cats_eye: Range = (0.0, 0.4)
-    misalignment: float = 0.0
+    misalignment: checks.Share = 0.0
     sigma: Range = (0.02, 0.2)
-    crosstalk: float = 0.0
+    crosstalk: checks.Share = 0.0
     leak: Range = (0.01, 0.08)
-    exposure: float = 0.0
+    exposure: checks.Share = 0.0
     gain: Range = (0.7, 1.4)
-    mosaic: float = 0.0
-    noise: float = 0.0
+    mosaic: checks.Share = 0.0
+    noise: checks.Share = 0.0
     shot: Range = (0.0, 0.002)
     read: Range = (0.0, 1e-4)
-    clipping: float = 0.0  # share of scenes whose samples are clipped to [0, 1]
-    quantisation: float = 0.0
+    clipping: checks.Share = 0.0  # share of scenes whose samples are clipped to [0, 1]
+    quantisation: checks.Share = 0.0
     bits: tuple[int, int] = (8, 12)
-    white_balance: float = 0.0
+    white_balance: checks.Share = 0.0
     gains: Range = (0.8, 1.25)  # gains of red and of blue; the gain of green is 1
-    tone_curve: float = 0.0  # share of scenes with the curve of sRGB
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        for option in dataclasses.fields(self):
-            value = getattr(self, option.name)
-            if option.name in RANDOM_EFFECTS:
-                checks.numbers(f"the share of {option.name}", [value], 0, 1)
-            else:
-                checks.pair(f"the range of {option.name}", value)
+    tone_curve: checks.Share = 0.0  # share of scenes with the curve of sRGB
 
     def draw(self, draws: RandomDraws) -> Sensor:
         """A sensor; effects of share 0 draw no numbers. A range that an effect does not allow raises InputError."""
@@ -281,7 +268,7 @@ RANDOM_EFFECTS: dict[str, Callable[[RandomSensor, RandomDraws], Any]] = {
 
 
 @dataclass(frozen=True)
-class RandomScenes(Scenes):
+class RandomScenes(checks.Description, Scenes):
     """Random scenes: a full background, and islands of all outlines in front of it.
 
     Shares are parts of all surfaces, from 0 to 1. An option of share 0 draws no random number, so that scenes without
@@ -294,26 +281,23 @@ class RandomScenes(Scenes):
     slant: float = 0.0
     """Greatest change of disparity per pixel along each axis; surfaces may then cross each other."""
     pictures: tuple[str, ...] = ()  # image files; if there are any, half of the textures are such pictures
-    domes: float = 0.0  # share of curved surfaces
+    domes: checks.Share = 0.0  # share of curved surfaces
     bulge: Range = (-0.5, 0.5)  # height of domes in pixels per view step
-    glossy: float = 0.0
-    mirror: float = 0.0
-    glass: float = 0.0
-    emissive: float = 0.0  # the shares of these four materials are together at most 1; the rest is matte
-    translucent: float = 0.0  # share of islands that the background shines through
-    opacity: Range = (0.3, 0.9)  # opacity of translucent islands
-    moving: float = 0.0  # share of surfaces that move during the exposure
+    glossy: checks.Share = 0.0
+    mirror: checks.Share = 0.0
+    glass: checks.Share = 0.0
+    emissive: checks.Share = 0.0  # the shares of these four materials are together at most 1; the rest is matte
+    translucent: checks.Share = 0.0  # share of islands that the background shines through
+    opacity: tuple[checks.Share, checks.Share] = (0.3, 0.9)  # opacity of translucent islands
+    moving: checks.Share = 0.0  # share of surfaces that move during the exposure
     motion: Range = (-6.0, 6.0)  # movement of moving surfaces, in pixels along each axis
     sensor: RandomSensor = RandomSensor()
 
     def __post_init__(self) -> None:
-        checks.freeze(self)
-        for name in ("domes", *MATERIALS, "translucent", "moving"):
-            checks.numbers(f"the share of {name}", [getattr(self, name)], 0, 1)
-        checks.numbers("the shares of materials together", [sum(getattr(self, name) for name in MATERIALS)], 0, 1)
-        for what, span in (("bulges", self.bulge), ("motions", self.motion)):
-            checks.pair(f"the range of {what}", span)
-        checks.pair("the range of opacities", self.opacity, 0, 1)
+        super().__post_init__()
+        shares = [getattr(self, name) for name in MATERIALS]
+        if sum(shares) > 1:
+            raise InputError("the shares of materials must be at most 1 together", got=shares)
 
     def scene(self, seed: int, epoch: int, index: int) -> Scene:
         """The scene that seed, epoch and index fix."""

@@ -110,7 +110,7 @@ class Simulation:
             render("look through a pinhole", "all_in_focus", views.all_in_focus),
             render("find disparity", "disparity", views.disparity),
             render("find masks", "masks", views.masks, len(scene.surfaces)),
-            *sensor_passes(scene.sensor, scene.camera.grid, scene.seed),
+            *sensor_passes(scene.sensor, scene.seed),
         ]
 
 

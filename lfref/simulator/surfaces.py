@@ -10,7 +10,7 @@ import abc
 import itertools
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -34,10 +34,8 @@ class Form(NamedTuple):
     centre_y: float = 0.0
 
 
-class Geometry(abc.ABC):
+class Geometry(checks.Description, abc.ABC):
     """Place of a surface in space."""
-
-    lengths: ClassVar[tuple[str, ...]]  # fields in pixels or in pixels per view step
 
     @property
     @abc.abstractmethod
@@ -118,11 +116,6 @@ class Plane(Geometry):
     gradient: tuple[float, float] = (0.0, 0.0)
     """(a, b): change of disparity per pixel to the right, and per pixel down."""
 
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.numbers("a plane's disparity", [self.disparity])
-        checks.pair("a plane's gradient", self.gradient)
-
     @property
     def form(self) -> Form:
         """The parameters of the plane."""
@@ -136,14 +129,8 @@ class Dome(Geometry):
     lengths = ("disparity", "bulge", "radius", "centre")
     disparity: float  # disparity of the plane, in pixels per view step
     bulge: float  # disparity that the top adds, in pixels per view step; below 0 it is a hollow
-    radius: float  # radius in pixels of the central view
+    radius: checks.Positive  # radius in pixels of the central view
     centre: tuple[float, float] = (0.0, 0.0)  # (X, Y) of the top
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.numbers("a dome's disparity and bulge", [self.disparity, self.bulge])
-        checks.numbers("a dome's radius", [self.radius], checks.TINY)
-        checks.pair("a dome's centre", self.centre)
 
     @property
     def form(self) -> Form:

@@ -11,7 +11,7 @@ import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -28,14 +28,12 @@ HARMONICS = 0.35
 times as far along a diagonal: from harmonics below 1/sqrt 8 = 0.354, it still ends below NYQUIST."""
 GREY = (0.5, 0.5, 0.5)
 
-Colour = tuple[float, float, float]
-"""Red, green and blue reflectance from 0 to 1."""
+Colour = tuple[checks.Share, checks.Share, checks.Share]
+"""Red, green and blue reflectance."""
 
 
-class Texture(abc.ABC):
+class Texture(checks.Description, abc.ABC):
     """Colours of a surface."""
-
-    lengths: ClassVar[tuple[str, ...]]  # fields in pixels
 
     @abc.abstractmethod
     def paint(self, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
@@ -46,12 +44,7 @@ class Texture(abc.ABC):
 class Flat(Texture):
     """One colour."""
 
-    lengths = ()
     colour: Colour = GREY
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.colour("a texture's colour", self.colour)
 
     def paint(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
         """The colour."""
@@ -63,18 +56,11 @@ class _Wave(Texture):
     """Two colours that alternate along one direction or two."""
 
     lengths = ("period",)
-    period: float  # period in pixels
+    period: checks.Positive  # period in pixels
     low: Colour = (0.2, 0.2, 0.2)  # first colour
     high: Colour = (0.8, 0.8, 0.8)  # second colour
     angle: float = 0.0  # direction of the wave in degrees, from x towards y
     phase: float = 0.0  # phase in periods
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.numbers("a wave's period", [self.period], checks.TINY)
-        checks.numbers("a wave's angle and phase", [self.angle, self.phase])
-        checks.colour("a texture's colour", self.low)
-        checks.colour("a texture's colour", self.high)
 
     def _mix(self, wave: Tensor) -> Tensor:
         """Colours of a wave from -1, the first colour, to 1, the second one."""
@@ -139,20 +125,11 @@ def _wave_table(n_harmonics: int) -> Tensor:
 class Noise(Texture):
     """A random pattern of spectrum 1/f^exponent with soft or hard edges between two colours, and fine colour noise."""
 
-    lengths = ()
     colour: Colour = GREY  # mean colour
     contrast: Colour = (0.3, 0.3, 0.3)  # amplitude of the pattern
-    exponent: float = 1.5  # fall of the amplitude with frequency; larger is smoother
-    hardness: float = 0.2  # from 0 (smooth) to 1 (patches with edges)
-    grain: float = 0.02  # standard deviation of the colour noise
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.colour("a texture's colour", self.colour)
-        checks.colour("a noise's contrast", self.contrast)
-        checks.numbers("a noise's exponent", [self.exponent], 0, 4)
-        checks.numbers("a noise's hardness", [self.hardness], 0, 1)
-        checks.numbers("a noise's grain", [self.grain], 0, 1)
+    exponent: Annotated[float, 0, 4] = 1.5  # fall of the amplitude with frequency; larger is smoother
+    hardness: checks.Share = 0.2  # from 0 (smooth) to 1 (patches with edges)
+    grain: checks.Share = 0.02  # standard deviation of the colour noise
 
     def paint(self, canvas: Canvas, key: tuple[int, ...]) -> Tensor:
         """The pattern: tanh of a noise, steeper for harder edges."""
@@ -169,10 +146,7 @@ class Picture(Texture):
 
     lengths = ("width",)
     path: str  # PNG, EXR, TIFF or JPEG; grey or colour
-    width: float = 256.0  # width in pixels of the central view
-
-    def __post_init__(self) -> None:
-        checks.numbers("a picture's width", [self.width], 4, 16384)
+    width: Annotated[float, 4, 16384] = 256.0  # width in pixels of the central view
 
     def paint(self, canvas: Canvas, key: tuple[int, ...] = ()) -> Tensor:
         """The image; a missing or damaged file raises FileError."""

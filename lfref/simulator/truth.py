@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref import geometry
-from lfref.errors import InputError
 from lfref.functional import loops
 from lfref.simulator import bitmaps, focal_planes, rays, truth_loops
 from lfref.simulator.bitmaps import FINE, OVERSAMPLING, Bitmap
@@ -37,9 +36,7 @@ from lfref.simulator.scene import Camera
 from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, CellPositions, TracedLayers
 
 
-def stack(
-    layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, averaged: int = 1, n_cells: int | None = None
-) -> Tensor:
+def stack(layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, averaged: int = 1) -> Tensor:
     """Photograph layers at each slope: a stack of the layers' type, [N, 3, H, W].
 
     Args:
@@ -47,12 +44,9 @@ def stack(
         camera: The lens and the size of the picture.
         slopes: Slopes of the planes in pixels per view step, [N].
         averaged: Side, in pixels of this picture, of the squares whose means will be the final pixels.
-        n_cells: Cells along the aperture's longer side; None takes as many as each plane needs.
     """
     values = geometry.checked_slopes(slopes, camera.grid, camera.size).tolist()
-    if n_cells is not None and n_cells < 1:
-        raise InputError("n_cells must be at least 1", got=n_cells)
-    planes = focal_planes.focal_planes(layers, camera, values, n_cells, averaged)
+    planes = focal_planes.focal_planes(layers, camera, values, averaged=averaged)
     pictures = []
     for plane in planes:
         if not plane.layers:

@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from lfref.captures import chromatic
-from lfref.captures.chromatic import Dispersion
 from lfref.captures.displacements import Fitted
 from lfref.lightfield import LightField
 
@@ -22,11 +21,9 @@ def found_in(field):
 @pytest.mark.parametrize("name", ["shards", "leaves"])
 def test_known_sizes_and_focuses_are_estimated(name):
     defect = found_in(displaced.dispersed(name, SIZES, FOCUS))
-    assert not defect.reason_to_skip
     torch.testing.assert_close(defect.magnifications, torch.tensor(SIZES).double(), atol=4e-4, rtol=0)
     torch.testing.assert_close(defect.disparities, torch.tensor(FOCUS).double(), atol=4e-3, rtol=0)
-    assert "channel 0" in defect.summary()
-    assert "channel 1" not in defect.summary()
+    assert ", 1.00000, " in defect.summary()
 
 
 def test_corrected_views_are_those_of_the_scene():
@@ -39,12 +36,12 @@ def test_corrected_views_are_those_of_the_scene():
 
 @pytest.mark.parametrize("name", ["shards", "lattice", "thicket", "veil", "window", "lamps"])
 def test_colours_that_agree_stay_as_they_are(name):
-    assert chromatic.find(clean(name), registered_clean(name)).reason_to_skip
+    assert isinstance(chromatic.find(clean(name), registered_clean(name)), str)
 
 
 def test_one_channel_and_flat_pictures_have_nothing_to_compare():
-    assert "one channel" in found_in(LightField(torch.rand(3, 3, 1, 80, 96))).reason_to_skip
-    assert "too little texture" in found_in(LightField(torch.full((3, 3, 3, 80, 96), 0.5))).reason_to_skip
+    assert "one channel" in found_in(LightField(torch.rand(3, 3, 1, 80, 96)))
+    assert "too little texture" in found_in(LightField(torch.full((3, 3, 3, 80, 96), 0.5)))
 
 
 def fitted(values, errors, effect=1.0, scatter=0.0):
@@ -66,7 +63,7 @@ NO_OFFSET, NOT_AXIAL = [0.0, 0.0, 0.01], fitted([0.0], [0.0])
     ],
 )
 def test_a_magnification_counts_if_it_is_certain_shows_and_exceeds_the_scatter(lateral, expected):
-    assert chromatic.is_certain(Dispersion(lateral, NOT_AXIAL), 3.0) == [False, False, expected, False]
+    assert chromatic.is_certain(lateral, NOT_AXIAL, 3.0) == [expected, False]
 
 
 @pytest.mark.parametrize(
@@ -83,4 +80,4 @@ def test_a_magnification_counts_if_it_is_certain_shows_and_exceeds_the_scatter(l
 def test_a_focus_counts_if_it_is_certain_shows_and_exceeds_the_scatter(disparity, error, scatter, expected):
     axial = fitted([disparity], [error], scatter=scatter)
     nothing = fitted([0.0, 0.0, 0.0], [0, 0, 0.0])
-    assert chromatic.is_certain(Dispersion(nothing, axial), 3.0) == [False, False, False, expected]
+    assert chromatic.is_certain(nothing, axial, 3.0) == [False, expected]

@@ -6,17 +6,9 @@ from hypothesis import strategies as st
 from lfref.encoding import CURVES
 from lfref.simulator import painting
 from lfref.simulator import views as render
+from lfref.simulator.effects import recording
 from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
-from lfref.simulator.effects.recording import (
-    PATTERNS,
-    Clipping,
-    Exposure,
-    Mosaic,
-    Quantisation,
-    ToneCurve,
-    WhiteBalance,
-)
-from lfref.simulator.effects.recording import Noise as SensorNoise
+from lfref.simulator.effects.recording import Clipping, Exposure, Mosaic, Quantisation, ToneCurve, WhiteBalance
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.materials import Emissive, Glass, Glossy, Matte, Mirror
 from lfref.simulator.mattes import Disc, Full, Leaf, Perforated, Polygon, Twigs
@@ -68,10 +60,10 @@ EFFECTS = {
     "misalignment": st.builds(Misalignment, st.floats(0, 3)),
     "crosstalk": st.builds(Crosstalk, st.floats(0, 1 / 3)),
     "exposure": st.builds(Exposure, st.floats(0, 8)),
-    "mosaic": st.builds(Mosaic, st.sampled_from([None, *PATTERNS])),
-    "noise": st.builds(SensorNoise, SHARE, SHARE),
+    "mosaic": st.builds(Mosaic, st.sampled_from([*recording.PATTERNS])),
+    "noise": st.builds(recording.Noise, SHARE, SHARE),
     "clipping": st.builds(Clipping, st.floats(-1, 0), st.floats(0.5, 2)),
-    "quantisation": st.builds(Quantisation, st.none() | st.integers(1, 20)),
+    "quantisation": st.builds(Quantisation, st.integers(1, 20)),
     "white_balance": st.builds(WhiteBalance, st.tuples(*3 * [st.floats(0, 4)])),
     "tone_curve": st.builds(ToneCurve, st.sampled_from([*CURVES]), st.floats(0.3, 4)),
 }

@@ -11,7 +11,7 @@ from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.materials import Emissive, Glass, Glossy, Mirror
 from lfref.simulator.mattes import Disc, Leaf, Perforated, Polygon, Twigs
 from lfref.simulator.scene import Camera, Light, Scene, Surface
-from lfref.simulator.scenes import Fixed, RandomScenes, RandomSensor
+from lfref.simulator.scenes import RandomScenes, RandomSensor
 from lfref.simulator.simulate import simulate
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Picture, Stripes
@@ -66,9 +66,8 @@ def test_surfaces_too_steep_for_the_aperture_are_refused(geometry):
         lambda: Mosaic("RGBG"),
         lambda: Noise(math.nan), lambda: Clipping(1.0), lambda: Quantisation(21), lambda: ToneCurve("log"),
         # Distributions.
-        lambda: Fixed(()), lambda: RandomSensor(noise=1.5),
-        lambda: RandomScenes(glossy=0.6, mirror=0.6),
-        lambda: RandomScenes(opacity=(0.5, 1.5)),
+        lambda: RandomSensor(noise=1.5), lambda: RandomScenes(glossy=0.6, mirror=0.6),
+        lambda: RandomScenes(opacity=(0.5, 1.5)), lambda: RandomSensor(bits=(8, 9.5)),
     ],
 )  # fmt: skip
 def test_what_cannot_be_rendered_is_refused(make):

@@ -25,11 +25,6 @@ CARDS = Scene(
 )
 
 
-def random_scene(seed: int, **more: object) -> Scene:
-    scene = drawing.random_scene(seed, CAMERA)
-    return dataclasses.replace(scene, **more)
-
-
 def test_only_what_is_asked_for_is_made():
     result = simulate(CARDS, outputs=["disparity"])
     assert result.views is None
@@ -42,16 +37,12 @@ def test_only_what_is_asked_for_is_made():
 def painted(monkeypatch):
     """How far the surfaces of scenes were painted, a number for each time that it was done."""
     reaches, passes = [], painting.passes
-    monkeypatch.setattr(
-        painting,
-        "passes",
-        lambda scene, reach, force: reaches.append(reach) or passes(scene, reach, force),
-    )
+    monkeypatch.setattr(painting, "passes", lambda scene, reach, force: reaches.append(reach) or passes(scene, reach))
     return reaches
 
 
 def test_one_painting_serves_views_and_truths_within_reach(painted):
-    scene = random_scene(1)
+    scene = drawing.random_scene(1, CAMERA)
     simulation = Simulation(scene, reach=0.5)
     views = simulation.run(["views"]).views
     result = [simulation.run(["truth"], slopes).truth for slopes in (SLOPES, [0.3])]
@@ -72,7 +63,7 @@ def test_planned_equals_forced(scene, sensor, aperture):
 @pytest.mark.parametrize("seed", range(4))
 def test_planned_equals_forced_also_in_few_scenes(seed):
     sensor = Sensor(exposure=Exposure(1.0 + seed % 2), noise=Noise(0.001, 1e-4) if seed > 1 else None)
-    assert_planned_equals_forced(random_scene(seed, sensor=sensor))
+    assert_planned_equals_forced(dataclasses.replace(drawing.random_scene(seed, CAMERA), sensor=sensor))
 
 
 def assert_planned_equals_forced(scene):

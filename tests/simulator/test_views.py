@@ -93,10 +93,6 @@ SURFACES = (
 )
 
 
-def pictures_of(surfaces=SURFACES, camera=UNEVEN):
-    return views.views(painting.paint(Scene(camera, tuple(surfaces))), camera)
-
-
 CROSSING = (Surface(Plane(0.0, (0.02, 0.0)), Checker(9.0)), Surface(Plane(0.0, (-0.02, 0.0)), Noise()))
 
 

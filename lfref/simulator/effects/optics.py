@@ -11,17 +11,17 @@ the picture for vignetting.
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from torch import Generator, Tensor
 
 from lfref import geometry
 from lfref.functional import interpolation
-from lfref.simulator import checks
 from lfref.simulator.effects import Effect
 
-Triple = tuple[float, ...]
-"""One number each for red, green and blue."""
+Size = Annotated[float, 0.5, 2]
+Change = Annotated[float, -10, 10]
 
 
 def resample(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
@@ -46,23 +46,9 @@ class Chromatic(Effect):
     Its own focus is a disparity d_c that is added to the disparity of every surface: L_c(x) = L(x - d_c p).
     """
 
-    magnification: Triple = (1.0, 1.0, 1.0)
-    """Size of each channel's picture about its centre, [0.5, 2]; 1 keeps it."""
-    disparity: Triple = (0.0, 0.0, 0.0)
-    """Number that is added to each channel's disparities, in pixels per view step, [-10, 10]."""
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.colour("a chromatic aberration's magnification", self.magnification, 0.5, 2)
-        checks.colour("a chromatic aberration's disparity", self.disparity, -10, 10)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert if every magnification is 1, and every added disparity is 0 or there is only one view."""
-        if any(size != 1 for size in self.magnification):
-            return None
-        if not any(self.disparity):
-            return "all colours share magnification and focus"
-        return "a single view has no focus" if tuple(grid) == (1, 1) else None
+    magnification: tuple[Size, Size, Size] = (1.0, 1.0, 1.0)  # of each channel's picture about its centre
+    disparity: tuple[Change, Change, Change] = (0.0, 0.0, 0.0)
+    """Number that is added to the disparities of each channel, in pixels per view step."""
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Magnify and shift every channel of the views [V, U, 3, H, W]."""
@@ -81,17 +67,9 @@ class Chromatic(Effect):
 class Vignetting(Effect):
     """Falloff towards the corners, and a pupil that is clipped there."""
 
-    field: float = 0.0  # tangent of the field angle at the picture's corner, [0, 10]; 0: no falloff
-    cats_eye: float = 0.0
-    """Displacement of the rim at the picture's corner, in radii of the rim, [0, 2]; 0: no view is clipped."""
-
-    def __post_init__(self) -> None:
-        checks.numbers("a vignetting's field", [self.field], 0, 10)
-        checks.numbers("a vignetting's cats_eye", [self.cats_eye], 0, 2)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert without falloff and displacement."""
-        return None if self.field or self.cats_eye else "field and cat's eye are 0"
+    field: Annotated[float, 0, 10] = 0.0  # tangent of the field angle at the picture's corner; 0: no falloff
+    cats_eye: Annotated[float, 0, 2] = 0.0
+    """Displacement of the rim at the picture's corner, in radii of the rim; 0: no view is clipped."""
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Multiply by both gains."""
@@ -134,14 +112,7 @@ def _pixels(views: Tensor) -> tuple[Tensor, Tensor]:
 class Misalignment(Effect):
     """Misaligned views: a random shift for each view, normally distributed along both axes."""
 
-    sigma: float = 0.0  # standard deviation along each axis in pixels, [0, 10]
-
-    def __post_init__(self) -> None:
-        checks.numbers("a misalignment's sigma", [self.sigma], 0, 10)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert if all shifts are 0."""
-        return None if self.sigma else "sigma is 0"
+    sigma: Annotated[float, 0, 10] = 0.0  # standard deviation along each axis in pixels
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Draw shifts and move the views, [V, U, C, H, W]."""
@@ -160,17 +131,8 @@ def shift(views: Tensor, shifts: Tensor) -> Tensor:
 class Crosstalk(Effect):
     """Neighbouring views mix."""
 
-    leak: float = 0.0
-    """Share of its light that a view gives to each neighbour along an axis, [0, 1/3]; 1/3 is the mean of the nine."""
-
-    def __post_init__(self) -> None:
-        checks.numbers("a crosstalk's leak", [self.leak], 0, 1 / 3)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert without a leak or a neighbour."""
-        if not self.leak:
-            return "leak is 0"
-        return "a single view has no neighbour" if tuple(grid) == (1, 1) else None
+    leak: Annotated[float, 0, 1 / 3] = 0.0
+    """Share of its light that a view gives to each neighbour along an axis; 1/3 is the mean of the nine."""
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Mix the views, [V, U, C, H, W], along both axes."""

@@ -8,8 +8,8 @@ Sources: Malvar, He and Cutler, "High-quality linear interpolation for demosaici
 2004, Fig. 2; Foi et al., "Practical Poissonian-Gaussian noise modeling and fitting for single-image raw-data", 2008.
 """
 
-import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from torch import Generator, Tensor
@@ -20,6 +20,7 @@ from lfref.errors import InputError, chosen
 from lfref.simulator import checks
 from lfref.simulator.effects import Effect
 
+Gain = Annotated[float, 0, 1e4]
 PATTERNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "RGGB": ((0, 1), (1, 2)),
     "BGGR": ((2, 1), (1, 0)),
@@ -39,14 +40,7 @@ CORNERS = ((0, 0, -1.5, 0, 0), (0, 2, 0, 2, 0), (-1.5, 0, 6, 0, -1.5), (0, 2, 0,
 class Exposure(Effect):
     """One gain for the whole light field."""
 
-    gain: float = 1.0  # factor of all radiances, [0, 1e4]
-
-    def __post_init__(self) -> None:
-        checks.numbers("an exposure's gain", [self.gain], 0, 1e4)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert at gain 1."""
-        return "gain is 1" if self.gain == 1 else None
+    gain: Gain = 1.0  # factor of all radiances
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Multiply by the gain."""
@@ -57,34 +51,26 @@ class Exposure(Effect):
 class Mosaic(Effect):
     """One colour per pixel."""
 
-    pattern: str | None = "RGGB"  # A key of `PATTERNS`; None: three colours per pixel
+    pattern: str = "RGGB"  # a key of `PATTERNS`
 
     def __post_init__(self) -> None:
-        if self.pattern is not None:
-            chosen("mosaic pattern", self.pattern, PATTERNS)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert without a pattern."""
-        return None if self.pattern else "every pixel sees three colours"
+        super().__post_init__()
+        chosen("mosaic pattern", self.pattern, PATTERNS)
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Keep one colour of every pixel."""
-        return mosaicked(views, self.pattern) if self.pattern else views
+        return mosaicked(views, self.pattern)
 
 
 @dataclass(frozen=True)
 class Demosaic(Effect):
     """Three colours per pixel again. A sensor with a mosaic applies this effect by itself."""
 
-    pattern: str | None = "RGGB"  # pattern of the mosaic, which has checked it
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert without a mosaic."""
-        return None if self.pattern else "there is no mosaic"
+    pattern: str  # of the mosaic
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Interpolate the other two colours."""
-        return demosaicked(views, self.pattern) if self.pattern else views
+        return demosaicked(views, self.pattern)
 
 
 def mosaicked(views: Tensor, pattern: str) -> Tensor:
@@ -121,15 +107,8 @@ def _filters(own: int, beside: int) -> Tensor:
 class Noise(Effect):
     """Noise of the sensor's samples."""
 
-    shot: float = 0.0  # variance a per unit of radiance, [0, 1]; 1 / a is the number of electrons at radiance 1
-    read: float = 0.0  # variance b in the dark, [0, 1]
-
-    def __post_init__(self) -> None:
-        checks.numbers("a noise's shot and read", [self.shot, self.read], 0, 1)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert if the variance is 0."""
-        return None if self.shot or self.read else "shot and read noise are 0"
+    shot: checks.Share = 0.0  # variance a per unit of radiance; 1 / a is the number of electrons at radiance 1
+    read: checks.Share = 0.0  # variance b in the dark
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Add noise."""
@@ -147,16 +126,13 @@ def noisy(views: Tensor, shot: float, read: float, draws: Tensor) -> Tensor:
 class Clipping(Effect):
     """The range that samples are clamped to."""
 
-    low: float = 0.0  # smallest value; -inf: no limit
-    high: float = 1.0  # largest value; inf: no limit
+    low: float = 0.0  # smallest value
+    high: float = 1.0  # largest value
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.low < self.high:
             raise InputError("a clipping needs a low limit below its high one", got=f"{self.low} and {self.high}")
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert without limits; whether radiances exceed them is not known before they are rendered."""
-        return "there are no limits" if math.isinf(self.low) and math.isinf(self.high) else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Clamp to the range."""
@@ -167,21 +143,11 @@ class Clipping(Effect):
 class Quantisation(Effect):
     """Samples rounded to the steps of an analogue-digital converter."""
 
-    bits: int | None = None  # 2^bits values from 0 to 1, [1, 20]; None: no rounding
-
-    def __post_init__(self) -> None:
-        # Float32 holds 24 bits, and scaling and rounding take some.
-        if self.bits is not None:
-            checks.numbers("quantisation bits", [self.bits], 1, 20)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert without a number of bits."""
-        return None if self.bits else "samples are not rounded"
+    bits: Annotated[int, 1, 20]
+    """There are 2^bits values from 0 to 1. Float32 holds 24 bits, and scaling and rounding take some."""
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Round to the nearest step; values beyond [0, 1] are rounded to steps of the same size."""
-        if not self.bits:
-            return views
         steps = 2**self.bits - 1
         return (views * steps).round() / steps
 
@@ -190,15 +156,7 @@ class Quantisation(Effect):
 class WhiteBalance(Effect):
     """One gain for each colour."""
 
-    gains: tuple[float, ...] = (1.0, 1.0, 1.0)  # factors of red, green and blue, [0, 1e4]
-
-    def __post_init__(self) -> None:
-        checks.freeze(self)
-        checks.colour("a white balance's gains", self.gains, 0, 1e4)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert if all gains are 1."""
-        return "all gains are 1" if all(gain == 1 for gain in self.gains) else None
+    gains: tuple[Gain, Gain, Gain] = (1.0, 1.0, 1.0)  # factors of red, green and blue
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Multiply every channel by its gain."""
@@ -209,17 +167,12 @@ class WhiteBalance(Effect):
 class ToneCurve(Effect):
     """The encoding of radiance for a screen."""
 
-    curve: str = "linear"  # A key of `lfref.encoding.CURVES`
-    gamma: float = 2.2  # exponent of the curve `gamma`, [0.1, 10]
+    curve: str = "linear"  # a key of `lfref.encoding.CURVES`
+    gamma: Annotated[float, 0.1, 10] = 2.2  # exponent of the curve `gamma`
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         chosen("tone curve", self.curve, CURVES)
-        checks.numbers("a tone curve's gamma", [self.gamma], 0.1, 10)
-
-    def inert(self, grid: tuple[int, int]) -> str | None:
-        """The effect is inert if the curve is a straight line."""
-        is_straight = self.curve == "linear" or (self.curve == "gamma" and self.gamma == 1)
-        return "the curve is linear" if is_straight else None
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Encode the views by the curve."""

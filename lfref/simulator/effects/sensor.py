@@ -1,14 +1,14 @@
 """A camera's optics and sensor as a chain of effects on views, in the order in which light meets them.
 
-To add an effect, write its class with `inert` and `apply` in a file of this folder, and add a field to `Sensor` at its
+To add an effect, write its class with `apply` in a file of this folder, and add a field to `Sensor` at its
 place in the chain. Scenes then set it by `sensor.NAME: {_target_: CLASS}`. CONTRIBUTING.md lists everything else that
 an effect needs.
 """
 
+import dataclasses
 import functools
-import math
 from dataclasses import dataclass
-from typing import get_args, get_type_hints
+from typing import get_args
 
 import numpy as np
 from torch import Generator, Tensor
@@ -31,7 +31,7 @@ from lfref.simulator.planner import Pass
 
 
 @dataclass(frozen=True)
-class Sensor:
+class Sensor(checks.Description):
     """The effects of a camera; None means no effect.
 
     The lens disperses and shades the pictures, misplaced lenslets displace and mix them, the exposure collects them.
@@ -50,55 +50,48 @@ class Sensor:
     white_balance: WhiteBalance | None = None
     tone_curve: ToneCurve | None = None
 
-    def __post_init__(self) -> None:
-        for name, effect in EFFECTS.items():
-            if (value := getattr(self, name)) is not None:
-                checks.kind(f"a sensor's {name}", value, effect)
-
     @property
     def encoding(self) -> Encoding:
         """The encoding of the samples of its views."""
         return LINEAR if self.tone_curve is None else self.tone_curve.encoding
 
 
-EFFECTS: dict[str, type] = {name: get_args(hint)[0] for name, hint in get_type_hints(Sensor).items()}
+EFFECTS: dict[str, type] = {field.name: get_args(field.type)[0] for field in dataclasses.fields(Sensor)}
 """Class of the effect in each field of a sensor."""
-OFF: dict[str, Effect] = {"mosaic": Mosaic(None), "clipping": Clipping(-math.inf, math.inf)}
-"""Inert forms of the effects whose defaults change views."""
+# Demosaicing is the first step of software, on samples that are whole numbers.
+ORDER = [step for name in EFFECTS for step in ([name, "demosaic"] if name == "quantisation" else [name])]
+"""Names of all effects in the order of their application."""
 
 
 def effect_chain(sensor: Sensor) -> dict[str, Effect]:
-    """All effects by name, inert effects where the sensor has none, in the order of their application."""
-    chain: dict[str, Effect] = {}
-    for name, kind in EFFECTS.items():
-        chain[name] = getattr(sensor, name) or OFF.get(name) or kind()
-        if name == "quantisation":
-            # Demosaicing is the first step of software, on samples that are whole numbers.
-            chain["demosaic"] = Demosaic(sensor.mosaic.pattern if sensor.mosaic else None)
-    return chain
+    """The effects of a sensor by name, in the order of their application."""
+    effects = {name: getattr(sensor, name) for name in ORDER if name != "demosaic"}
+    if sensor.mosaic:
+        effects["demosaic"] = Demosaic(sensor.mosaic.pattern)
+    return {name: effects[name] for name in ORDER if effects.get(name)}
 
 
-def sensor_passes(sensor: Sensor, grid: tuple[int, int], seed: int) -> list[Pass]:
-    """Passes of the planner from the result `radiance` to the result `views`, one for each effect."""
-    passes, needs = [], "radiance"
-    for name, effect in effect_chain(sensor).items():
-        makes = f"views after {name}"
-        passes.append(Pass(name, (needs,), makes, functools.partial(_apply, effect, name, seed), effect.inert(grid)))
+def sensor_passes(sensor: Sensor, seed: int) -> list[Pass]:
+    """Passes of the planner from the result `radiance` to the result `views`, one for each effect that there is."""
+    chain, needs, passes = effect_chain(sensor), "radiance", []
+    for name in ORDER:
+        makes = "views" if name == ORDER[-1] else f"views after {name}"
+        run = functools.partial(_apply, chain.get(name), name, seed)
+        passes.append(Pass(name, (needs,), makes, run, None if name in chain else "the sensor has no such effect"))
         needs = makes
-    passes[-1] = passes[-1]._replace(makes="views")
     return passes
 
 
 def recorded(radiance: Tensor, sensor: Sensor, seed: int) -> Tensor:
     """Views as a sensor records them, from views without any effect, [V, U, 3, H, W]."""
-    grid = (radiance.shape[0], radiance.shape[1])
     for name, effect in effect_chain(sensor).items():
-        if effect.inert(grid) is None:
-            radiance = _apply(effect, name, seed, radiance)
+        radiance = _apply(effect, name, seed, radiance)
     return radiance
 
 
-def _apply(effect: Effect, name: str, seed: int, views: Tensor) -> Tensor:
+def _apply(effect: Effect | None, name: str, seed: int, views: Tensor) -> Tensor:
+    if effect is None:
+        return views
     # The name, not the place in the chain, fixes the random numbers: another effect must not change them.
     key = np.random.SeedSequence((seed, int.from_bytes(name.encode(), "big"))).generate_state(1, np.uint64)
     return effect.apply(views, Generator().manual_seed(int(key[0])))
