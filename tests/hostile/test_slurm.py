@@ -139,7 +139,7 @@ def documented_job(tmp_path: Path) -> str:
         ("--ntasks-per-node=4 --gpus-per-node=4 --cpus-per-task=8", f"--ntasks-per-node=1 --output={tmp_path}/log"),
         ("trainer=ddp", "trainer=ddp trainer.accelerator=cpu trainer.devices=1"),
         ("/scratch/refnet", str(tmp_path / "run")),
-        ("experiment=paper data=folder data.path=/scratch/set", " ".join(TRAINING)),
+        ("experiment=paper data=folder data.path=/scratch/captures", " ".join(TRAINING)),
     ):
         assert documented in script
         script = script.replace(documented, here)
