@@ -8,7 +8,7 @@ e = s - d:
 
 For U x V equal weights and p = 1 the product is the transform of the whole square, sinc(U e kx) sinc(V e ky).
 The matrices are sums of few products of a row factor and a column factor and are formed frequency by frequency: written
-out they would exceed the views. Compiled loops serve the CPU; PyTorch serves derivatives and other devices.
+out they would exceed the views.
 `disparity_layers` says what is solved; this file says how, and knows no light fields.
 Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `h w` numbers of rows and columns of
 frequencies, `m n` spectra, `T` terms of the matrices, `b c` batch and channel.
