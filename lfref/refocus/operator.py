@@ -28,8 +28,8 @@ class Traits(NamedTuple):
 
 def traits(operator: Callable[..., Any]) -> Traits:
     """The traits of an operator, with options bound to it or without; a function without any sums."""
-    found: Traits = getattr(getattr(operator, "func", operator), "traits", Traits())
-    return found
+    own: Traits = getattr(getattr(operator, "func", operator), "traits", Traits())
+    return own
 
 
 def has_traits(reads: Reading, symmetric: bool = False) -> Callable[[Function], Function]:
