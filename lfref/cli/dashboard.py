@@ -29,7 +29,7 @@ def dashboard(config: DictConfig, folder: Path) -> None:
     """Write `dashboard.json`, and save workspace and report if `save=true`."""
     planes, sweep = fixed_planes(config), config.sweep_name
     place = {"entity": config.entity or "", "project": config.project}
-    view = workspace(planes, sweep, name=config.name, **place)
+    view = workspace(planes, sweep, config.name, **place)
     page = report(planes, sweep, configs.plain(config.options) or _swept(), title=config.name, **place)
     models = {"workspace": view._to_model(), "report": page._to_model()}
     contents = {
@@ -44,7 +44,7 @@ def dashboard(config: DictConfig, folder: Path) -> None:
         log.info("specification: %s; save=true saves it in wandb", folder / "dashboard.json")
 
 
-def workspace(planes: FocalPlanes, sweep: str | None, **place: str) -> ws.Workspace:
+def workspace(planes: FocalPlanes, sweep: str | None, name: str, entity: str, project: str) -> ws.Workspace:
     """Sections of curves and pictures over the trainings, which are grouped by their sweep."""
     by_plane = plane_names(planes)
     sections: dict[str, list[Any]] = {
@@ -58,7 +58,9 @@ def workspace(planes: FocalPlanes, sweep: str | None, **place: str) -> ws.Worksp
         "Worst and best patches": [_pictures([PICTURE], "label, prediction, error")],
     }
     return ws.Workspace(
-        **place,
+        entity=entity,
+        project=project,
+        name=name,
         sections=[ws.Section(name=name, panels=panels, is_open=True) for name, panels in sections.items()],
         settings=ws.WorkspaceSettings(x_axis=STEP, max_runs=100),
         runset_settings=ws.RunsetSettings(filters=_filters("train", sweep), groupby=[ws.Metric("Group")]),
