@@ -63,7 +63,7 @@ DEPTHS: dict[str, dict[int, str]] = {
 """Suffix of files that are written -> bits a sample -> sample type; the first is the default."""
 # The name is `weight`, not `A`: EXR assumes that A is multiplied into the colours.
 CHANNELS = {1: ("Y",), 2: ("Y", "weight"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "weight")}
-# Light in floating point hardly shrinks, whatever the level. The OpenImageIO on PyPI was built without AVIF.
+# Light in floating point hardly shrinks, whatever the level.
 COMPRESSIONS = {
     ".png": "zip", ".jpg": "jpeg:{quality}", ".exr": "zip:1", ".tif": "zip", ".avif": "avif:{quality}",
     ".webp": "webp:{quality}",
@@ -221,7 +221,8 @@ def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, qual
     specs = [_spec(part, kind, path, quality) for part in parts]
     with atomic.replacing(path) as partial:
         output = OpenImageIO.ImageOutput.create(str(partial))
-        assert output is not None, f"no writer for {partial.suffix}"
+        if output is None:  # AVIF, for which the OpenImageIO on PyPI has no writer
+            raise InputError(f"{path} must have a format of this OpenImageIO", got=first_line(OpenImageIO.geterror()))
         try:
             is_good = output.open(str(partial), specs if len(specs) > 1 else specs[0])
             for index, (part, spec) in enumerate(zip(parts, specs, strict=True)):
@@ -237,21 +238,12 @@ def write_parts(path: Path, parts: Sequence[Part], bits: int | None = None, qual
 
 def sample_type(path: Path, bits: int | None) -> str:
     """Sample type of a file to write, by its suffix and `bits`; None: the default of the format."""
-    suffix = path.suffix.lower()
-    kinds = DEPTHS.get(suffix, {}) if writes(suffix) else {}
+    kinds = DEPTHS.get(path.suffix.lower(), {})
     kind = next(iter(kinds.values()), None) if bits is None else kinds.get(bits)
     if kind is None:
         known = ", ".join(f"{each} of {' or '.join(map(str, DEPTHS[each]))} bits" for each in DEPTHS)
         raise InputError(f"the format of a picture must be {known}", got=f"{path.name}, {bits or 'default'} bits")
     return kind
-
-
-def writes(suffix: str) -> bool:
-    """Whether OpenImageIO was built to write files of this suffix."""
-    if suffix and OpenImageIO.ImageOutput.create(f"x{suffix}") is not None:
-        return True
-    OpenImageIO.geterror()  # the error would come up again in a later call
-    return False
 
 
 def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageSpec:

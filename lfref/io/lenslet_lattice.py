@@ -2,7 +2,7 @@
 
 A lattice tells where each lenslet stands in pixels of the lenslet image; sampling brings any lattice onto a square one.
 Letters: `V U` view rows and columns, `C` channels, `i j` row and column of a lenslet, `y x` of a pixel (whole numbers
-at the centres). Interpolation is cubic (Keys, "Cubic convolution interpolation for digital image processing", 1981).
+at the centres). Interpolation is cubic convolution.
 """
 
 import math
@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch.nn.functional import embedding_bag
 
+from lfref.functional import splines
 from lfref.io.samples import Pair
 
 SAME_PITCH = 0.01
@@ -140,7 +141,7 @@ def interpolate(padded: NDArray[np.float32], y: NDArray, x: NDArray) -> NDArray[
     width = padded.shape[1]
     nearby = np.add.outer(np.arange(TAPS) * width, np.arange(TAPS)).ravel()
     pixels = np.add.outer((top * width + left).ravel(), nearby)
-    weights = (taps(right) * taps(down)[:, None]).reshape(TAPS * TAPS, -1).T
+    weights = (_taps(right) * _taps(down)[:, None]).reshape(TAPS * TAPS, -1).T
     # `embedding_bag` sums weighted rows of a table: 16 pixels for each sample.
     samples = embedding_bag(
         torch.from_numpy(pixels),
@@ -158,15 +159,9 @@ def _split(positions: NDArray, length: int) -> tuple[NDArray[np.intp], NDArray]:
     return whole, kept - whole
 
 
-def taps(t: NDArray) -> NDArray[np.float32]:
-    """Keys's weights of the samples at -1, 0, 1 and 2 for positions t in [0, 1), [4, ...]."""
-    weights = (
-        t * (-0.5 + t * (1 - 0.5 * t)),
-        1 + t * t * (1.5 * t - 2.5),
-        t * (0.5 + t * (2 - 1.5 * t)),
-        t * t * (0.5 * t - 0.5),
-    )
-    return np.stack(weights).astype(np.float32)
+def _taps(t: NDArray) -> NDArray[np.float32]:
+    """Weights of the samples at -1, 0, 1 and 2 for positions t in [0, 1), [4, ...]."""
+    return torch.stack(splines.weights(torch.from_numpy(t))).float().numpy()
 
 
 def squared(views: NDArray[np.float32], lattice: Lattice, i: NDArray) -> NDArray[np.float32]:
@@ -183,7 +178,7 @@ def squared(views: NDArray[np.float32], lattice: Lattice, i: NDArray) -> NDArray
     rows = []
     for k in range(len(i)):
         whole, t = _split(columns - late[k], views.shape[-1])
-        weights = taps(t)
+        weights = _taps(t)
         row = padded[..., k, :]
         rows.append(np.sum([weights[n] * row[..., whole + n] for n in range(TAPS)], axis=0, dtype=np.float32))
     return np.stack(rows, axis=-2) if rows else views

@@ -6,7 +6,7 @@ H.264 in 4:2:0 with even sides, its colours converted and labelled by BT.709, wi
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
 
@@ -20,7 +20,6 @@ from lfref.io import atomic, images, samples
 from lfref.io.samples import ReadOptions, Samples
 
 Frame = NDArray[np.uint8]
-Frames = Sequence[Frame]
 
 MAGICS = (b"GIF87a", b"GIF89a", b"????ftyp", b"????moov", b"????mdat", b"????wide", b"\x1aE\xdf\xa3", b"RIFF????AVI ")
 """Possible first bytes of a film (GIF, MP4 and MOV, WebM and MKV, AVI); `?` is any byte."""
@@ -110,8 +109,3 @@ def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) ->
             container.mux(stream.encode())
     except av.FFmpegError as error:
         raise FileError(f"{path} cannot be written", got=first_line(error), remedy="check the disk") from error
-
-
-def there_and_back(frames: Frames) -> Frames:
-    """Frames from the first to the last and back, so that the film may begin again where it ends."""
-    return [*frames, *frames[-2:0:-1]]

@@ -14,7 +14,6 @@ from collections import deque
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,11 +53,8 @@ AMBIGUOUS_PATTERNS: dict[str, str] = {
 """Further patterns, which count only where the user names them; `serpentine` runs to the left in every second row."""
 
 
-class NamedFile(NamedTuple):
-    """A file that matches a pattern."""
-
-    path: Path
-    match: re.Match[str]
+Named = re.Match[str]
+"""A file name (`string`) that matches a pattern."""
 
 
 def groups_of(regex: re.Pattern[str]) -> list[str]:
@@ -82,27 +78,27 @@ def compiled(pattern: str) -> re.Pattern[str]:
 
 def fields_of(
     files: Iterable[Path], patterns: Iterable[str | re.Pattern[str]] = PATTERNS.values()
-) -> list[list[NamedFile]]:
+) -> list[list[Named]]:
     """The files that match a pattern, one list per light field (one pattern and one name)."""
-    fields: dict[tuple[str, str], list[NamedFile]] = {}
+    fields: dict[tuple[str, str], list[Named]] = {}
     expressions = [re.compile(pattern) for pattern in patterns]
     for path in files:
         match = next(filter(None, (expression.search(path.name) for expression in expressions)), None)
         if match:
             key = match.re.pattern, match.groupdict().get("name") or ""
-            fields.setdefault(key, []).append(NamedFile(path, match))
+            fields.setdefault(key, []).append(match)
     return list(fields.values())
 
 
-def numbered_fields(files: Iterable[Path]) -> list[list[NamedFile]]:
+def numbered_fields(files: Iterable[Path]) -> list[list[Named]]:
     """The files that are numbered, one list per name; a name with one picture counts only if no name has more."""
     fields = fields_of(files, [AMBIGUOUS_PATTERNS["index"]])
     return [field for field in fields if len(field) > 1] or fields
 
 
-def _looks_like_views(field: list[NamedFile]) -> bool:
+def _looks_like_views(field: list[Named]) -> bool:
     """Whether numbered pictures count as views without the option `pattern`: they are a square number."""
-    numbers = {int(file.match["index"]) for file in field}
+    numbers = {int(file["index"]) for file in field}
     is_enough = len(numbers) == len(field) >= FEWEST_NUMBERED
     return is_enough and square(min(numbers), max(numbers), len(numbers)) is not None
 
@@ -120,16 +116,16 @@ def is_field(folder: Path) -> bool:
     return bool(fields_of(files)) or any(map(_looks_like_views, numbered_fields(files)))
 
 
-def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> tuple[dict[Cell, NamedFile], Cell]:
+def arrange(folder: Path, field: list[Named], options: ReadOptions) -> tuple[dict[Cell, Named], Cell]:
     """The file at each row and column, and the shape of the grid, of files of one pattern."""
-    groups = groups_of(field[0].match.re)
+    groups = groups_of(field[0].re)
     try:
-        numbers = [tuple(int(file.match[group]) for group in groups) for file in field]
+        numbers = [tuple(int(file[group]) for group in groups) for file in field]
     except (TypeError, ValueError) as error:
         raise InputError("groups of reader.pattern must be numbers in all names", got=error) from error
     numbered = dict(zip(numbers, field, strict=True))
     if len(numbered) < len(field):
-        first, second = [file.path.name for n, file in zip(numbers, field, strict=True) if numbers.count(n) > 1][:2]
+        first, second = [file.string for n, file in zip(numbers, field, strict=True) if numbers.count(n) > 1][:2]
         raise FileError(f"{folder} must hold each view once", got=f"{first} and {second}", remedy="remove one of them")
     if groups == ["index"]:
         shape, base = _square_or_option(folder, field, [index for (index,) in numbered], options.grid)
@@ -144,7 +140,7 @@ def arrange(folder: Path, field: list[NamedFile], options: ReadOptions) -> tuple
 
 
 def _square_or_option(
-    folder: Path, field: list[NamedFile], numbers: list[int], shape: tuple[int, int] | None
+    folder: Path, field: list[Named], numbers: list[int], shape: tuple[int, int] | None
 ) -> tuple[tuple[int, int], int]:
     """Rows and columns of a grid whose views are numbered row by row, and its first number."""
     first, last, count = min(numbers), max(numbers), len(numbers)
@@ -156,7 +152,7 @@ def _square_or_option(
     if shape is not None and last - base < n_views:
         return shape, base
     expected = f"{folder} must hold a square number of views, or those of reader.grid, numbered row by row"
-    got = f"{counted(count, 'view')} like {field[0].path.name}, numbered {first} to {last}"
+    got = f"{counted(count, 'view')} like {field[0].string}, numbered {first} to {last}"
     raise FileError(expected, got=got, remedy="add the missing views, or set reader.grid=[rows,columns]")
 
 
@@ -176,7 +172,7 @@ def square(first: int, last: int, count: int) -> tuple[int, int] | None:
 def decode_folder(folder: Path, options: ReadOptions) -> Samples:
     """The chosen views of a folder."""
     cells, shape = arrange(folder, _only_field(folder, options.pattern), options)
-    paths = {cell: file.path for cell, file in cells.items()}
+    paths = {cell: folder / file.string for cell, file in cells.items()}
     samples.check_holes(paths, shape, folder, options.holes)
     if others := sorted({*image_files(folder)} - {*paths.values()}):
         names = ", ".join(path.name for path in others[:5])
@@ -186,7 +182,7 @@ def decode_folder(folder: Path, options: ReadOptions) -> Samples:
     return Samples(colours, weight, tone)
 
 
-def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
+def _only_field(folder: Path, pattern: str | None) -> list[Named]:
     """The files of the only light field in a folder."""
     files = image_files(folder)
     if pattern is not None:
@@ -197,7 +193,7 @@ def _only_field(folder: Path, pattern: str | None) -> list[NamedFile]:
         fields = [field for field in named if len(field) > 1]
         fields = fields or [field for field in numbered_fields(files) if _looks_like_views(field)] or named
     if len(fields) != 1:
-        names = [field[0].path.name for field in fields[:2]] or [path.name for path in files[:1]] or ["none"]
+        names = [field[0].string for field in fields[:2]] or [path.name for path in files[:1]] or ["none"]
         got = f"{counted(len(files), 'image')} named like {' and '.join(names)}"
         remedy = r"""set reader.pattern: index (row by row), or 'reader.pattern="(?P<row>\d+)at(?P<column>\d+)"'"""
         expected = f"{folder} must hold the views of one light field, whose names say their rows and columns"
@@ -210,11 +206,10 @@ def positions_in_names(folder: Path, options: ReadOptions) -> NDArray[np.float64
     cells, shape = arrange(folder, _only_field(folder, options.pattern), options)
     positions = np.full((*shape, 2), np.nan)
     for cell, file in cells.items():
-        groups = file.match.groupdict()
-        if "v" not in groups or "u" not in groups:
-            remedy = "give a CSV or JSON file as reader.positions"
-            raise FileError(f"{file.path} must be named NAME_RR_CC_Y_X for positions=names", remedy=remedy)
-        positions[cell] = float(groups["v"]), float(groups["u"])
+        if not {"v", "u"} <= file.re.groupindex.keys():
+            expected = f"{folder / file.string} must be named NAME_RR_CC_Y_X for positions=names"
+            raise FileError(expected, remedy="give a CSV file as reader.positions")
+        positions[cell] = float(file["v"]), float(file["u"])
     return positions[options.window(shape, folder)]
 
 

@@ -91,7 +91,8 @@ def _points(folder: Path, refocused: Refocused) -> None:
 def _sweep(folder: Path, refocused: Refocused) -> None:
     frames = [_bytes(refocused.encoded(refocused.shown[n])) for n in refocused.by_slope]
     rate = min(max(len(frames) / SWEEP_SECONDS, FRAME_RATES[0]), FRAME_RATES[1])
-    video.write_video(folder / "sweep.mp4", video.there_and_back(frames), rate)
+    # There and back: the film begins again where it ends.
+    video.write_video(folder / "sweep.mp4", [*frames, *frames[-2:0:-1]], rate)
 
 
 def _bytes(shown: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -132,8 +132,7 @@ def smallest(
     WebP halves the resolution of colours: where these are fine, only JPEG reaches it.
     """
     tried = [
-        at_least(least_db, image, Coding(suffix, QUALITIES[suffix][0]), predicted)
-        for suffix in filter(images.writes, QUALITIES)
+        at_least(least_db, image, Coding(suffix, qualities[0]), predicted) for suffix, qualities in QUALITIES.items()
     ]
     return max(tried, key=lambda coded: (min(coded.decibels, least_db), -len(coded.file)))
 
