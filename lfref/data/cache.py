@@ -1,14 +1,15 @@
 """Light fields to cut crops from: decoded once into a cache of plain arrays, which are mapped into memory.
 
-An entry is a folder with `samples.npy` [V, U, C, H, W] in the depth of the file, `weight.npy` [V, U, 1, H, W] if there
-is one, and `encoding.txt`. Its key is the SHA-256 of the content, the reader's options, `read.VERSION`, and, for
-corrected light fields, the correction and `correct.VERSION`. These versions are raised when results change.
+An entry is a folder with `samples.npy` in the depth of the file, `weight.npy` and `truth.npy` if there are such, and
+`encoding.txt`; shapes are those of `Field`. The key of a file is the SHA-256 of its content, the reader's options,
+`read.VERSION`, and, for corrected light fields, the correction and `correct.VERSION`. These versions are raised when
+results change.
 """
 
 import functools
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,10 @@ from lfref.lightfield import LightField
 
 HASHES = "hashes.json"
 """File of the cache folder that keeps content hashes: a data set is hashed once, however often training starts."""
-SAMPLES, WEIGHT, ENCODING = "samples.npy", "weight.npy", "encoding.txt"
+PARTS = "samples", "weight", "truth"
+"""Fields of `Field` that are arrays, each in a file of its own."""
+ENCODING = "encoding.txt"
+"""File that is written last: an entry that has it is whole."""
 DTYPES = {"8": np.uint8, "16": np.uint16, "float": np.float32}
 """Depth of the samples in a file, as the reader says -> their type here."""
 EVEN_GRID = "networks learn on an even grid"
@@ -67,24 +71,25 @@ class Field:
 
 def decoded(samples: Tensor, encoding: Encoding) -> Tensor:
     """Linear light of stored samples, contiguous float32, on their device."""
-    samples = samples.float() if samples.is_floating_point() else samples
-    if samples.device.type == "cpu":
-        return torch.from_numpy(images.decoded(samples.numpy(), encoding))
     if samples.is_floating_point():
-        return encoding.decode(samples).contiguous()
+        return encoding.decode(samples.float()).contiguous()
     values = torch.arange(torch.iinfo(samples.dtype).max + 1, dtype=torch.int32).to(samples.dtype)
-    return decoded(values, encoding).to(samples.device)[samples.int()]
+    return torch.from_numpy(images.decoded(values.numpy(), encoding)).to(samples.device)[samples.int()]
 
 
-def keep(path: Path, array: NDArray) -> None:
-    """Write an array, whole or not at all."""
-    with atomic.replacing(path) as partial, partial.open("wb") as file:
-        np.save(file, array)
-
-
-def kept(path: Path) -> Tensor:
-    """An array that `keep` wrote, mapped into memory."""
-    return torch.from_numpy(np.load(path, mmap_mode="c"))
+def kept(entry: Path, name: str, make: Callable[[], Field]) -> Field:
+    """The field of an entry, mapped into memory; it is made and written on first use."""
+    if not (entry / ENCODING).is_file():
+        field = make()
+        for part in PARTS:
+            if (values := getattr(field, part)) is not None:
+                with atomic.replacing(entry / f"{part}.npy") as partial:
+                    np.save(partial, values.numpy())
+        atomic.write_text(entry / ENCODING, str(field.encoding))
+    files = {part: entry / f"{part}.npy" for part in PARTS}
+    arrays = {part: np.load(file, mmap_mode="c") for part, file in files.items() if file.is_file()}
+    encoding = parsed((entry / ENCODING).read_text("utf-8"))
+    return Field(name, encoding=encoding, **{part: torch.from_numpy(array) for part, array in arrays.items()})
 
 
 def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = NONE) -> Field:
@@ -103,29 +108,25 @@ def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = 
     own = {**options, "calibration": white, "correct": by}
     parts = [content_hash(path, folder), names, own, reader.VERSION, corrections.VERSION]
     key = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
-    entry, name = folder / f"field_{key[:32]}", path.absolute().name if path.is_dir() else path.stem
-    if not entry.is_dir():
-        with suppress(FileExistsError), atomic.filling_folder(entry) as partial:
-            _decode(path, options, correct, partial)
-    weight = kept(entry / WEIGHT) if (entry / WEIGHT).is_file() else None
-    return Field(name, kept(entry / SAMPLES), weight, parsed((entry / ENCODING).read_text("utf-8")))
+    name = path.absolute().name if path.is_dir() else path.stem
+    return kept(folder / f"field_{key[:32]}", name, lambda: _decode(path, options, correct))
 
 
-def _decode(path: Path, options: Mapping[str, Any], correct: str, folder: Path) -> None:
-    """Read and correct a light field, and write its samples, its weight and its encoding into a folder."""
+def _decode(path: Path, options: Mapping[str, Any], correct: str) -> Field:
+    """Read and correct a light field."""
     field = reader.read(path, **options)
     light, _ = corrections.correct(field, correct, even_grid_for=EVEN_GRID)
     encoding = parsed(field.metadata["encoding"])
     # Corrected samples are no longer the whole numbers of the file.
     kind: Any = DTYPES[field.metadata["bits"]] if light.views is field.views else np.float16
     encoding = LINEAR if issubclass(kind, np.floating) and encoding.is_known else encoding
-    stored = {SAMPLES: images.encoded(light.views.numpy(), encoding)}
-    if light.weight is not None:
-        stored[WEIGHT] = light.weight.numpy()
-    for name, values in stored.items():
+
+    def stored(values: NDArray) -> Tensor:
         whole = np.rint(values * np.iinfo(kind).max) if issubclass(kind, np.integer) else values
-        keep(folder / name, whole.astype(kind))
-    atomic.write_text(folder / ENCODING, str(encoding))
+        return torch.from_numpy(whole.astype(kind))
+
+    weight = None if light.weight is None else stored(light.weight.numpy())
+    return Field(field.name, stored(images.encoded(light.views.numpy(), encoding)), weight, encoding)
 
 
 def content_hash(path: Path, folder: Path | None = None) -> str:

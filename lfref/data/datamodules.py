@@ -20,7 +20,7 @@ import lfref
 from lfref.captures import correct as corrections
 from lfref.captures.correct import NONE
 from lfref.data import cache
-from lfref.data.cache import Field, keep, kept
+from lfref.data.cache import Field
 from lfref.data.crops import Batch, Crops, EpochLoader, EpochSampler, Source, collated, epoch_loader, labelled
 from lfref.data.labels import OperatorLabels, RenderedLabels
 from lfref.errors import InputError
@@ -252,10 +252,6 @@ class SimulatedData(PatchData):
         return self.streams
 
 
-TRUTH, WEIGHT = ".truth.npy", ".weight.npy"
-"""Ends of the names of files with photographs and weights that are kept."""
-
-
 class SimulatedSource(Source):
     """Simulated scenes, each fixed by (seed, epoch, index).
 
@@ -294,17 +290,13 @@ class SimulatedSource(Source):
         """The field at that place of that epoch, in linear light clipped to [0, 1]; kept ones in float16."""
         if self.folder is None:
             return self._rendered(index, epoch)
-        path = self.folder / f"{index:05}.npy"
-        if not path.is_file():
+
+        def make() -> Field:
             field = self._rendered(index, 0)
-            parts = {TRUTH: field.truth, WEIGHT: field.weight, ".npy": field.samples}
-            for suffix, part in parts.items():  # the samples last: a field that has them is whole
-                if part is not None:
-                    keep(path.with_suffix(suffix), part.half().numpy())
-        weight, truth = (
-            kept(path.with_suffix(suffix)) if path.with_suffix(suffix).is_file() else None for suffix in (WEIGHT, TRUTH)
-        )
-        return Field(self.scenes.scene(self.seed, 0, index).name, kept(path), weight, truth=truth)
+            parts = {part: getattr(field, part) for part in cache.PARTS}
+            return Field(field.name, **{part: values.half() for part, values in parts.items() if values is not None})
+
+        return cache.kept(self.folder / f"{index:05}", self.scenes.scene(self.seed, 0, index).name, make)
 
     def light(self, index: int, epoch: int = 0) -> LightField:
         """The light field of `field`, float32."""

@@ -77,7 +77,7 @@ def test_scenes_that_are_kept_are_those_of_the_first_epoch_in_half_precision(tmp
         for name in rendered.keys() & kept.keys():
             for what in ("views", "labels"):
                 torch.testing.assert_close(kept[name][what], rendered[name][what], atol=1e-3, rtol=0)
-    assert len(list(tmp_path.glob("scenes_*/*.npy"))) == (2 if labels is LABELS else 4)
+    assert len(list(tmp_path.glob("scenes_*/*/*.npy"))) == (2 if labels is LABELS else 4)
 
 
 def test_training_draws_new_patches_each_epoch_of_other_scenes_than_validation_which_draws_the_same():
