@@ -133,12 +133,6 @@ def wide_cases(scenes: Iterable[Scene], device: torch.device) -> Iterator[Evalua
         yield replace(ideal_case(scene, planes.slopes, device, WIDE), planes=planes)
 
 
-def capture_cases(fields: Iterable[LightField], slopes: Tensor) -> Iterator[EvaluationCase]:
-    """Light fields without a known truth; the reference is exact refocusing of their own views at these slopes [N]."""
-    for field in fields:
-        yield EvaluationCase(CAPTURE, field, EXACT(field, slopes), EXACT.name)
-
-
 class AxisSplit(NamedTuple):
     """Views along one angular axis: dense ones for the reference, sparse ones for the methods."""
 

@@ -21,7 +21,7 @@ Key = TypeVar("Key")
 
 FFT = "numpy_fft_4d"
 """Name of NumPy's 4-D FFT in tables."""
-PACKAGES = ("torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba")
+PACKAGES = ("lfref", "torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba")
 """Packages whose versions `facts` lists."""
 
 
@@ -60,7 +60,7 @@ def numpy_fft_time(views: Tensor) -> float:
     return seconds(lambda: [np.fft.fftn(channel) for channel in channels], torch.device("cpu"))
 
 
-def facts(device: torch.device) -> dict[str, str | int | None]:
+def facts(device: torch.device) -> dict[str, str | int]:
     """Machine, libraries and thread count, for the readers of a table."""
     return {
         "processor": processor(),
@@ -69,17 +69,8 @@ def facts(device: torch.device) -> dict[str, str | int | None]:
         "device": torch.cuda.get_device_name(device) if device.type == "cuda" else device.type.upper(),
         "system": platform.platform(),
         "python": platform.python_version(),
-        "lfref": metadata.version("lfref"),
-        **{package: version(package) for package in PACKAGES},
+        **{package: metadata.version(package) for package in PACKAGES},
     }
-
-
-def version(package: str) -> str | None:
-    """Version of a package; None where it is not installed."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def processor() -> str:

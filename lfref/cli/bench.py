@@ -185,7 +185,8 @@ def _capture_cases(
         return cases
     if config.angular_stride is None:
         log.info("no truth is known of these light fields: the reference is exact refocusing of their own views")
-        return list(evaluation.capture_cases(corrected, planes.slopes))
+        exact = ((field, accuracy.EXACT(field, planes.slopes)) for field in corrected)
+        return [EvaluationCase(evaluation.CAPTURE, *pair, accuracy.EXACT.name) for pair in exact]
     # Methods get every second or third view, the others are the reference.
     return list(evaluation.hold_out_cases(corrected, config.angular_stride, planes.slopes))
 

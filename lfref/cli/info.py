@@ -25,9 +25,6 @@ def info(config: DictConfig, folder: Path) -> None:
     def read(_: str, path: Path) -> LightField:
         return steps.read_field(path, config)
 
-    def inspect_field(_: str, field: LightField) -> Inspection:
-        return inspect(field, flat_field)
-
     def write(name: str, inspection: Inspection) -> None:
         log.info("%s", "\n".join(inspection.lines()))
         place = steps.result_folder(folder, name, fields[name], named)
@@ -35,7 +32,7 @@ def info(config: DictConfig, folder: Path) -> None:
         drawing.save_figure(inspection_sheet(inspection), place / SHEET)
         log.info("open %s", place / SHEET)
 
-    steps.process(fields, [read, inspect_field, write], "inspecting")
+    steps.process(fields, [read, lambda _, field: inspect(field, flat_field), write], "inspecting")
 
 
 run = command(info)

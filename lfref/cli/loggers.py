@@ -1,7 +1,6 @@
 """Loggers of `lfref train` and `lfref eval`: which run of Weights & Biases they write to, tables and pictures."""
 
 import contextlib
-import math
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
@@ -74,8 +73,9 @@ def log_evaluation(loggers: Iterable[Any], summary: "pd.DataFrame", planes: "pd.
         logger.log_metrics(values, step=0)
         if hasattr(logger, "log_table"):
             for name, table in ((SUMMARY, summary), (PLANES, planes)):
-                rows = [[_cell(value) for value in row] for row in table.itertuples(index=False)]
-                logger.log_table(name, columns=[*table.columns], data=rows)
+                # Tables of wandb take no numbers of NumPy, and None for a missing one.
+                cells = table.astype(object).where(table.notna(), None)
+                logger.log_table(name, columns=[*table.columns], data=cells.to_numpy().tolist())
         for name, path, step in figures:
             if path.is_file():  # one light field has no scatter
                 picture = torch.from_numpy(images.to_float(images.read_image(path))).permute(2, 0, 1)
@@ -89,9 +89,3 @@ def code() -> str:
     with contextlib.suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
     return f"lfref {__version__}"
-
-
-def _cell(value: Any) -> Any:
-    """A cell that a table of wandb takes: no number of NumPy, and None for a missing one."""
-    plain = value.item() if hasattr(value, "item") else value
-    return None if isinstance(plain, float) and math.isnan(plain) else plain

@@ -190,7 +190,8 @@ def refiner_inputs(
         error_scale = error_scale * (covered[part] > 0.999)  # 1, but for rounding
 
         unit = error_scale + BLACK
-        defocus = slopes[part].to(disparity)[:, None, None, None] - disparity
+        focus = slopes[part].to(disparity)[:, None, None, None]
+        defocus = focus - disparity
         one = torch.ones_like(error_scale)
         features = {
             "fine": candidate(fine, picture, unit),
@@ -213,7 +214,6 @@ def refiner_inputs(
         }
         if base.function in BY_SURFACE:
             low, high = ranges[-1]
-            focus = slopes[part].to(disparity)[:, None, None, None]
             distance = torch.maximum(low - focus, focus - high)
             error_scale = error_scale * ((FADE[1] - distance) / (FADE[1] - FADE[0])).clamp(0, 1)
         yield RefinerInputs(torch.cat([features[name].to(dtype) for name in names], 1), picture, error_scale)

@@ -6,7 +6,6 @@ The interval of n values with mean m and standard deviation s is m ± t s / √n
 distribution with n - 1 degrees of freedom (Student, "The probable error of a mean", Biometrika 6, 1908).
 """
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -80,12 +79,9 @@ def single_runs(jobs: Sequence[Run]) -> pd.DataFrame:
 
 def t_interval(values: Sequence[float]) -> tuple[float, float]:
     """The interval of the mean of independent values; NaN for fewer than two."""
-    n = len(values)
-    if n < 2:
-        return math.nan, math.nan
     series = pd.Series(values, dtype=float)
-    half = float(stats.t.ppf((1 + LEVEL) / 2, n - 1)) * series.std() / math.sqrt(n)
-    return series.mean() - half, series.mean() + half
+    low, high = stats.t.interval(LEVEL, len(series) - 1, series.mean(), series.sem())
+    return float(low), float(high)
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:

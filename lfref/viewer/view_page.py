@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref import geometry
-from lfref.io import atomic
+from lfref.io import atomic, cameras
 from lfref.io.disparity_files import Cameras
 from lfref.lightfield import LightField
 from lfref.refocuser import filling
@@ -96,24 +95,18 @@ def _placed(
 
     Browsers read an element at one go. They show the first picture sooner if no element is long.
     """
-    depth, views, start = content["depth"], content["views"], (0, content["start"]["plane"])
-    texts = {name: keep_text(depth[name]) for name in ("disparity", "confidence")}
-    methods = [
-        {
-            **method,
-            "planes": [FIRST if (n, k) == start else keep_picture(uri) for k, uri in enumerate(method["planes"])],
-        }
-        for n, method in enumerate(content["methods"])
-    ]
-    masks = None if views["masks"] is None else [*map(keep_picture, views["masks"])]
-    return {
-        **content,
-        "depth": {**depth, **texts},
-        "methods": methods,
-        "sharp": keep_picture(content["sharp"]),
-        "map": keep_picture(content["map"]),
-        "views": {**views, "pictures": [*map(keep_picture, views["pictures"])], "masks": masks},
-    }
+    first = content["methods"][0]["planes"][content["start"]["plane"]]
+    texts = {name: keep_text(content["depth"][name]) for name in ("disparity", "confidence")}
+
+    def placed(part: Any) -> Any:
+        if isinstance(part, dict):
+            return {name: value if name == "bar" else placed(value) for name, value in part.items()}
+        if isinstance(part, list):
+            return [placed(value) for value in part]
+        is_picture = isinstance(part, str) and part.startswith("data:image")
+        return (FIRST if part is first else keep_picture(part)) if is_picture else part
+
+    return placed({**content, "depth": {**content["depth"], **texts}})
 
 
 class GalleryEntry(NamedTuple):
@@ -178,8 +171,8 @@ def page_content(
     values = [first.planes.values[plane] for plane in first.by_slope]
     looked_at = float(slopes.ravel()[int(_interest(first, near * slopes, confidence).argmax())])
     focus = min(max(looked_at, values[0]), values[-1])
-    cameras = Cameras.from_metadata(first.field.metadata)
-    at_zero, growth = (0.0, 0.0) if cameras is None else cameras.dioptres(first.field.size)
+    pinholes = Cameras.from_metadata(first.field.metadata)
+    at_zero, growth = (0.0, 0.0) if pinholes is None else pinholes.dioptres(first.field.size)
     middle = first.field.views[tuple(length // 2 for length in first.field.grid)]
     small = coding.smallest(first.encoded(middle)).coding
     encode = small.uri if len(methods) == 1 else LOSSLESS.uri
@@ -192,7 +185,7 @@ def page_content(
         "crop": _crop(first.field),
         "slopes": values,
         "near": near,
-        "dioptres": None if cameras is None else [at_zero, near * growth],
+        "dioptres": None if pinholes is None else [at_zero, near * growth],
         "shape": "square" if aperture is None else "own",
         "aperture": None if aperture is None else (aperture / aperture.max()).double().round(decimals=4).tolist(),
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
@@ -258,13 +251,12 @@ def _views(
 
     positions = field.positions
     if positions is None:
-        offsets = [geometry.angular_offsets(n_views) for n_views in field.grid]
-        positions = torch.stack(torch.meshgrid(*offsets, indexing="ij"), -1)
+        positions = torch.from_numpy(cameras.even_positions(field.grid))
     # Views without any weight are missing.
     weights = torch.ones(len(views)) if field.weight is None else field.weight.flatten(0, 1).flatten(1).amax(1)
     kept = weights.nonzero()[:, 0].tolist()
     has_masks = field.weight is not None and filling.view_weights(field.weight) is None
-    cameras = [(round(x, 4), round(y, 4)) for y, x in positions.flatten(0, 1)[kept].tolist()]
+    places = [(round(x, 4), round(y, 4)) for y, x in positions.flatten(0, 1)[kept].tolist()]
 
     # One view at a time: all of them may be larger than all else of the page.
     def shown(k: int) -> NDArray[np.float32]:
@@ -280,13 +272,13 @@ def _views(
         share = smaller(field.weight.flatten(0, 1)[n] / weights.amax()).clamp(min=LEAST_MASK)
         return LOSSLESS.uri(share.permute(1, 2, 0).float().numpy())
 
-    reference, coded = _coded_views(cameras, shown, disparity, first, quality.least_db)
+    reference, coded = _coded_views(places, shown, disparity, first, quality.least_db)
     return {
         "size": size,
         "pictures": coded,
         "reference": reference,
         "masks": [mask(n) for n in kept] if has_masks else None,
-        "cameras": [list(camera) for camera in cameras],
+        "cameras": [list(place) for place in places],
     }
 
 
