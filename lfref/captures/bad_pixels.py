@@ -25,7 +25,6 @@ from lfref.captures import registration
 from lfref.captures.defect import Defect
 from lfref.errors import counted
 from lfref.functional import loops
-from lfref.functional.loops import compiled, inlined
 from lfref.lightfield import LightField
 
 # The height of a sample is its distance above the largest, or below the smallest, of the eight around it.
@@ -51,7 +50,6 @@ LEAST_CORNER = 3  # pixels along both edges, by trial: smaller corners hardly ma
 LARGEST_CORNER = 0.4  # share of the sides: two corners that meet are a dark scene
 RIM = 1  # pixels: decoders ring at the corner's edge, and blur it by as much
 CONFIRMED = "other views confirm every sample that sticks out"
-TURNS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # from each corner, the direction into the picture along rows and columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,32 +250,18 @@ def with_spoilt(own: Tensor, others: Tensor, samples: Tensor, size: tuple[int, i
     return spoilt[inside].unique(dim=0)
 
 
-@inlined
-def _larger(a: float, b: float) -> float:
-    # The built-in function checks for NaN, and so does not run on vectors.
-    return a if a > b else b
-
-
-@inlined
-def _smaller(a: float, b: float) -> float:
-    return a if a < b else b
-
-
-@compiled
 def write_heights(images: NDArray, heights: NDArray) -> None:
     """Write the height of each sample of images [B, H, W]; below 0: it lies within the range of its 8 neighbours."""
-    high, low = np.empty((2, images.shape[2]), images.dtype)
-    for n in range(images.shape[0]):
-        for y in range(1, images.shape[1] - 1):
-            above, row, below, into = images[n, y - 1], images[n, y], images[n, y + 1], heights[n, y]
-            # Extremes of each column of three, shared by the neighbours on both sides.
-            for x in range(row.size):
-                high[x] = _larger(_larger(above[x], below[x]), row[x])
-                low[x] = _smaller(_smaller(above[x], below[x]), row[x])
-            for x in range(1, row.size - 1):
-                most = _larger(_larger(high[x - 1], high[x + 1]), _larger(above[x], below[x]))
-                least = _smaller(_smaller(low[x - 1], low[x + 1]), _smaller(above[x], below[x]))
-                into[x] = _larger(row[x] - most, least - row[x])
+
+    def extreme(image: NDArray, further: np.ufunc) -> NDArray:
+        beyond = further(image[:-2], image[2:])
+        columns = further(beyond, image[1:-1])
+        return further(further(columns[:, :-2], columns[:, 2:]), beyond[:, 1:-1])
+
+    # One image at a time stays in the processor's cache.
+    for image, into in zip(images, heights, strict=True):
+        middle, most, least = image[1:-1, 1:-1], extreme(image, np.maximum), extreme(image, np.minimum)
+        np.maximum(middle - most, least - middle, out=into[1:-1, 1:-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,22 +307,18 @@ def find_black(field: LightField) -> BlackViewsDefect | str:
     black_views = tuple((int(v), int(u)) for v, u in is_black.nonzero())
     # Black corners of the other views that have four of them.
     limit = BLACK * light[..., None, None, None]
-    boxes = [_corner_region(_black_near_corner(field.views, rows, columns, limit)) for rows, columns in TURNS]
+    # Rows and columns from each corner of a view inwards.
+    inwards = [torch.arange(max(1, int(LARGEST_CORNER * length))) for length in field.size]
+    rows, columns = ((near, length - 1 - near) for near, length in zip(inwards, field.size, strict=True))
+    places = [(..., row[:, None], column) for row in rows for column in columns]
+    boxes = [_corner_region(_widened((field.views[place] < limit).all(2)).cpu()) for place in places]
     has_all = is_used & ~is_black & torch.stack([box.flatten(2).any(2) for box in boxes]).all(0)
     if not bool(has_all.any()):
         return BlackViewsDefect(black_views, None) if black_views else "all views have light in all corners"
     corners = torch.zeros(*field.grid, *field.size, dtype=torch.bool)
-    for (rows, columns), box in zip(TURNS, boxes, strict=True):
-        where = (..., _side(box.shape[2], rows), _side(box.shape[3], columns))
-        corners[where] = _turned(box & has_all[..., None, None], rows, columns)
+    for place, box in zip(places, boxes, strict=True):
+        corners[place] = box & has_all[..., None, None]
     return BlackViewsDefect(black_views, corners[:, :, None])
-
-
-def _black_near_corner(views: Tensor, rows: int, columns: int, limit: Tensor) -> Tensor:
-    """Black samples near one corner of all views, turned so that the corner comes first, bool, [V, U, h, w]."""
-    h, w = (max(1, int(LARGEST_CORNER * length)) for length in views.shape[-2:])
-    box = views[..., _side(h, rows), _side(w, columns)]
-    return _turned(_widened((box < limit).all(2)), rows, columns).cpu()
 
 
 def _corner_region(black: Tensor) -> Tensor:
@@ -359,11 +339,3 @@ def _corner_region(black: Tensor) -> Tensor:
 def _widened(region: Tensor) -> Tensor:
     """A region [V, U, h, w] with the ring around it: bright samples between black ones, and dim ones beside them."""
     return F.max_pool2d(region.flatten(0, 1).float(), 2 * RIM + 1, 1, RIM).unflatten(0, region.shape[:2]) > 0
-
-
-def _side(length: int, turn: int) -> slice:
-    return slice(None, length) if turn > 0 else slice(-length, None)
-
-
-def _turned(boxes: Tensor, rows: int, columns: int) -> Tensor:
-    return boxes.flip([axis for axis, turn in ((-2, rows), (-1, columns)) if turn < 0])

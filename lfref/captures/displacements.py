@@ -12,12 +12,11 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.functional import interpolation, loops
+from lfref.functional import interpolation
 
 SIDE = 16  # side of a patch, in pixels
 RING = 2  # pixels around a patch that are read too: gradients need two neighbours on either side
@@ -76,53 +75,27 @@ def read_patches(
 
     Each view is read lower and farther right by its displacements, in pixels, float64, [K, I, 2].
     """
-    starts = torch.stack([patches.rows, patches.columns], -1)[:, None] - RING + displacements
+    views, starts = views.float(), torch.stack([patches.rows, patches.columns], -1)[:, None] - RING + displacements
     side = SIDE + 2 * RING
     last = torch.tensor(views.shape[-2:]) - side - len(interpolation.TAPS) + BEFORE
     starts = torch.minimum(starts.clamp(min=BEFORE), last.to(starts))
     whole = starts.floor()
-    weights = interpolation.weights(starts - whole).float()
-    rows, columns = (whole.long() - BEFORE).unbind(-1)
-    which = torch.tensor(range(views.shape[1]) if channels is None else channels)
-    samples = torch.empty(len(rows), len(views), len(which), side, side)
-    tables = (which, rows, columns, weights[:, :, 0], weights[:, :, 1], samples)
-    arrays = [table.contiguous().numpy() for table in tables]
-    n_threads = loops.worthwhile(samples.numel(), 1 << 16)  # samples per thread, by trial
-    source = views.detach().float().contiguous().numpy()
-    bands = loops.bands(len(samples), n_threads)
-    loops.share(lambda first, last: _read(source, *arrays, first, last), bands, n_threads)
-    return samples
-
-
-@loops.compiled
-def _read(views, channels, rows, columns, row_weights, column_weights, patches, first, last):  # type: ignore[no-untyped-def]
-    """Fill the patches [K, I, C, h, w] from `first` to before `last`.
-
-    `rows` and `columns` [K, I] are the first of T source rows and columns, whose weights are [K, I, T].
-    """
-    n_views, n_channels, height, width = patches.shape[1:]
-    taps = row_weights.shape[2]
-    line = np.empty(width + taps - 1, np.float32)
-    for k in range(first, last):
-        for i in range(n_views):
-            top, left = rows[k, i], columns[k, i]
-            down, across = row_weights[k, i], column_weights[k, i]
-            for c in range(n_channels):
-                view = views[i, channels[c]]
-                for y in range(height):
-                    # Interpolate a line along columns, then along rows: 2 T multiplications per sample, not T^2.
-                    line[:] = 0
-                    for t in range(taps):
-                        # Slices begin at 0: an index that might be negative would keep the loop from using vectors.
-                        weight, source = down[t], view[top + y + t, left : left + len(line)]
-                        for x in range(len(line)):
-                            line[x] += weight * source[x]
-                    into = patches[k, i, c, y]
-                    into[:] = 0
-                    for t in range(taps):
-                        weight, source = across[t], line[t : t + width]
-                        for x in range(width):
-                            into[x] += weight * source[x]
+    # Matrices from the samples that a patch may read to those between them, [K, I, 2, side, side + T - 1].
+    weights = interpolation.weights(starts - whole).to(views)
+    n_taps = len(interpolation.TAPS)
+    matrices = torch.zeros(*weights.shape[:3], side, side + n_taps - 1).to(views)
+    for tap in range(n_taps):
+        matrices.diagonal(tap, -2, -1).copy_(weights[..., tap, None])
+    along = torch.arange(side + n_taps - 1)
+    rows, columns = ((whole.long() - BEFORE)[..., None] + along).unbind(2)
+    view = torch.arange(len(views))[:, None, None, None]
+    which = torch.tensor(range(views.shape[1]) if channels is None else channels)[:, None, None]
+    # One patch at a time, in all views, stays in the processor's cache.
+    read = [
+        down[:, None] @ views[view, which, y[:, None, :, None], x[:, None, None, :]] @ across[:, None].mT
+        for (down, across), y, x in zip(matrices.transpose(1, 2), rows, columns, strict=True)
+    ]
+    return torch.stack(read)
 
 
 class Observed(NamedTuple):

@@ -91,10 +91,11 @@ class Inspection:
 
     def advice(self) -> list[str]:
         """Options that would help, each with its reason, in one line."""
-        lines = []
-        for defect in self.corrections.defects:
-            if isinstance(defect, ViewOrderDefect):
-                lines.append(f"the views focus better in another order: give {defect.remedy}")
+        lines = [
+            f"the views focus better in another order: give {defect.remedy}"
+            for defect in self.corrections.defects
+            if isinstance(defect, ViewOrderDefect)
+        ]
         if self.slopes is None:
             lines.append(NO_SLOPES)
         if self.corrections.active:

@@ -53,23 +53,16 @@ class ViewOrderDefect(Defect):
 
     def corrected(self, field: LightField) -> LightField:
         """The same views in our order."""
-        if self.is_transposed:
-            field = transposed(field)
-        return _rows_reversed(field) if self.is_reversed else field
 
+        def ordered(stored: Tensor) -> Tensor:
+            stored = stored.transpose(0, 1) if self.is_transposed else stored
+            return (stored.flip(0) if self.is_reversed else stored).contiguous()
 
-def transposed(field: LightField) -> LightField:
-    """Rows of views as columns, in memory of their own."""
-    weight = None if field.weight is None else field.weight.transpose(0, 1).contiguous()
-    positions = None if field.positions is None else field.positions.transpose(0, 1).flip(-1)
-    views = field.views.transpose(0, 1).contiguous()
-    return dataclasses.replace(field, views=views, weight=weight, positions=positions)
-
-
-def _rows_reversed(field: LightField) -> LightField:
-    weight = None if field.weight is None else field.weight.flip(0)
-    positions = None if field.positions is None else field.positions.flip(0) * torch.tensor([-1.0, 1.0]).double()
-    return dataclasses.replace(field, views=field.views.flip(0), weight=weight, positions=positions)
+        weight, positions = (None if each is None else ordered(each) for each in (field.weight, field.positions))
+        if positions is not None:
+            v, u = (positions.flip(-1) if self.is_transposed else positions).unbind(-1)
+            positions = torch.stack([-v if self.is_reversed else v, u], -1)
+        return dataclasses.replace(field, views=ordered(field.views), weight=weight, positions=positions)
 
 
 @torch.no_grad()

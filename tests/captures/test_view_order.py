@@ -93,7 +93,9 @@ def test_positions_and_weights_go_with_their_views():
     positions = torch.from_numpy(cameras.even_positions((3, 4), (1.0, 2.0)))
     weight = torch.rand(3, 4, 1, 8, 9)
     right = LightField(torch.rand(3, 4, 3, 8, 9), weight=weight, positions=positions)
-    stored = view_order.transposed(LightField(right.views.flip(0), weight=weight.flip(0), positions=positions))
+    stored = ViewOrderDefect(True, False).corrected(
+        LightField(right.views.flip(0), weight=weight.flip(0), positions=positions)
+    )
     corrected = ViewOrderDefect(is_transposed=True, is_reversed=True).corrected(stored)
     for name in ("views", "weight", "positions"):
         torch.testing.assert_close(getattr(corrected, name), getattr(right, name), rtol=0, atol=0)
