@@ -175,10 +175,8 @@ def table(rows: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
 
 def mean(values: pd.Series, form: str) -> str:
     """Mean, and standard deviation if there are several values."""
-    if values.isna().all():
-        return tables.DASH
-    text = f"{values.mean():{form}}" + (f" ± {values.std():{form}}" if len(values) > 1 else "")
-    return text.replace("%", " %")
+    text = pages.number(values.mean(), form) or tables.DASH
+    return f"{text} ± {pages.number(values.std(), form)}" if len(values) > 1 else text
 
 
 def difference(values: pd.Series) -> str:

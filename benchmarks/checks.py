@@ -13,7 +13,6 @@ import argparse
 import ast
 import concurrent.futures
 import os
-import queue
 import random
 import shutil
 import subprocess
@@ -34,19 +33,7 @@ from lfref.cli.main import main as start
 
 # Mutants
 
-COPIED = (
-    "lfref",
-    "conf",
-    "sweeps",
-    "tests",
-    "docs",
-    "benchmarks",
-    "site",
-    "pyproject.toml",
-    "README.md",
-    "mkdocs.yml",
-    "Makefile",
-)
+NOT_COPIED = shutil.ignore_patterns(".*", "runs", "outputs", "multirun", "__pycache__")
 TIME_LIMIT_S = 900
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.GtE,
@@ -166,25 +153,15 @@ def killed_by(mutant: Mutant, tree: Path) -> str:
 
 def try_mutants(mutants: list[Mutant], n_workers: int) -> None:
     """Try all mutants and print what became of each."""
+    n_killed, own = 0, threading.local()
     with tempfile.TemporaryDirectory() as folder:
-        trees: queue.Queue[Path] = queue.Queue()
-        for number in range(n_workers):
-            tree = Path(folder, str(number))
-            tree.mkdir()
-            for source in (ROOT / name for name in COPIED):
-                (shutil.copytree if source.is_dir() else shutil.copy)(source, tree / source.name)
-            trees.put(tree)
 
-        def attempt(mutant: Mutant) -> str:
-            tree = trees.get()
-            try:
-                return killed_by(mutant, tree)
-            finally:
-                trees.put(tree)
+        def copy_tree() -> None:
+            own.tree = shutil.copytree(ROOT, Path(tempfile.mkdtemp(dir=folder), "tree"), ignore=NOT_COPIED)
 
-        n_killed = 0
-        with concurrent.futures.ThreadPoolExecutor(n_workers) as pool:
-            for mutant, killer in zip(mutants, pool.map(attempt, mutants), strict=True):
+        with concurrent.futures.ThreadPoolExecutor(n_workers, initializer=copy_tree) as pool:
+            killers = pool.map(lambda mutant: killed_by(mutant, own.tree), mutants)
+            for mutant, killer in zip(mutants, killers, strict=True):
                 state = "killed  " if killer else "SURVIVED"
                 print(f"{state} {mutant.file}:{mutant.line}  {mutant.change}  {killer}", flush=True)
                 n_killed += bool(killer)

@@ -264,11 +264,6 @@ def disparities() -> Iterator[str]:
         yield row(title, f"{median:.4f}", *(f"{share:.1f}" for share in within))
 
 
-def beside_mitsuba() -> Iterator[str]:
-    """The simulator against Mitsuba, which traces paths."""
-    return importlib.import_module("path_tracer").table()
-
-
 BENCH = FIGURES / "bench" / "bench.csv"
 TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "bench": (BENCH, bench),
@@ -286,9 +281,10 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "browsing": (page.MEASURES, page.browsing),
     "explanation": (None, explanation),
     "disparities": (None, disparities),
-    **({"mitsuba": (None, beside_mitsuba)} if importlib.util.find_spec("mitsuba") else {}),
 }
 """Marker -> the file that it reads, if any, and its lines."""
+if importlib.util.find_spec("mitsuba"):
+    TABLES["mitsuba"] = None, lambda: importlib.import_module("path_tracer").table()
 
 
 def main() -> None:

@@ -58,7 +58,7 @@ def row(*cells: object) -> str:
 
 def number(value: float, form: str = ".1f") -> str:
     """A number as it is written; empty if it is none."""
-    return "" if math.isnan(value) else f"{value:{form}}"
+    return "" if math.isnan(value) else f"{value:{form}}".replace("%", " %")
 
 
 def machine(facts: Mapping[str, object]) -> str:

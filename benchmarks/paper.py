@@ -23,7 +23,7 @@ import pandas as pd
 import pictures
 import torch
 from matplotlib.figure import Figure
-from pages import ALPHAS, CPU, PLANES, row
+from pages import ALPHAS, CPU, PLANES, number, row
 from rich.progress import track
 from torch import Tensor
 from torch.nn import functional as F
@@ -167,11 +167,6 @@ def scores(rows: pd.DataFrame) -> pd.DataFrame:
 # Tables
 
 
-def written(value: float, form: str) -> str:
-    """A number as tables have it."""
-    return f"{value:{form}}".replace("%", " %")
-
-
 def table(
     scores: pd.DataFrame,
     pairs: Iterable[tuple[str, str]],
@@ -181,7 +176,7 @@ def table(
     """Scores of methods by references."""
     yield from pages.head("method", "by", *(heading for heading, _ in columns.values()), TIME)
     for pair in pairs:
-        cells = (written(scores.loc[pair, name], form) for name, (_, form) in columns.items())
+        cells = (number(scores.loc[pair, name], form) for name, (_, form) in columns.items())
         yield row(*pair, *cells, times[pair[0]])
 
 
@@ -192,7 +187,7 @@ def claims(rows: pd.DataFrame, scores: pd.DataFrame, times: Mapping[str, str]) -
     def beside(values: pd.Series, label: str, reference: str, form: str, *methods: str) -> str:
         names = {label: "labels", NETWORKS[label]: "network", RIVAL: "mean of the views"}
         shown = (*methods, NETWORKS[label], RIVAL)
-        return ", ".join(f"{names[each]} {written(values[each, reference], form)}" for each in shown)
+        return ", ".join(f"{names[each]} {number(values[each, reference], form)}" for each in shown)
 
     yield from pages.head("claim", "what the paper compared", "measured here")
     for label in LABELS:
@@ -223,9 +218,7 @@ def planes(rows: pd.DataFrame) -> Iterator[str]:
     headings = [f"{method}, {unit}" for unit, _ in columns.values() for method, _ in pairs]
     yield from pages.head("alpha", "outer views move by, px", *headings)
     for place, alpha in enumerate(ALPHAS):
-        cells = [
-            written(means.loc[(alpha, *pair), name], form) for name, (_, form) in columns.items() for pair in pairs
-        ]
+        cells = [number(means.loc[(alpha, *pair), name], form) for name, (_, form) in columns.items() for pair in pairs]
         yield row(f"{alpha:g}", f"{geometry.corner_shift(PLANES.slopes[[place]], (7, 7)):.1f}", *cells)
     yield ""
     yield f"Each network by its own labels, `{RIVAL}` by shift_and_sum; sharpness: mean size of the Laplacian over that"

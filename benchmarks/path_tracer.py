@@ -15,10 +15,7 @@ whose pictures move back by (c + s) p.
 
 Our textures are what pixels record: means over the area of a pixel. Mitsuba gets the radiance that has these means. Its
 outlines are ideal, and its pixels average over their area (box filter). Surfaces emit their light, since ours do not
-cast shadows or light on each other.
-
-`traced` is a scene of Mitsuba alone whose disparity is known: weak textures in light and shadow, gloss. It stands for
-the photographs that the simulator's layers do not resemble. The module needs the extra `mitsuba`.
+cast shadows or light on each other. The module needs the extra `mitsuba`.
 """
 
 import math
@@ -32,9 +29,7 @@ import torch
 from torch import Tensor
 
 import lfref
-from lfref.encoding import SRGB
 from lfref.functional.psnr import psnr
-from lfref.lightfield import LightField
 from lfref.simulator import materials, painting
 from lfref.simulator.bitmaps import OVERSAMPLING, Canvas
 from lfref.simulator.materials import Emissive, Matte, Mirror
@@ -113,29 +108,6 @@ mi.set_variant("scalar_rgb")
 mi.set_log_level(mi.LogLevel.Error)
 
 
-def render(
-    scene: Any, lens: dict[str, Any], focal: float, size: tuple[int, int], origin: tuple[float, float], **options: int
-) -> Tensor:
-    """Picture of a lens of a focal length in pixels that looks along Z from a place, [3, H, W]."""
-    height, width = size
-    film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"}
-    sensor = {
-        **lens,
-        "fov": math.degrees(2 * math.atan(width / 2 / focal)),
-        "near_clip": 0.01,
-        "to_world": mi.ScalarTransform4f().look_at([*origin, 0], [*origin, 1], [0, -1, 0]),
-        "film": {**film, "component_format": "float32", "rfilter": {"type": "box"}},
-        "sampler": {"type": "multijitter", "sample_count": options["spp"]},
-    }
-    return torch.from_numpy(np.array(mi.render(scene, sensor=mi.load_dict(sensor), **options))).movedim(-1, 0)
-
-
-def pinhole(p: float, q: float, shift: float, size: tuple[int, int]) -> dict[str, Any]:
-    """A pinhole for the view at (p, q), whose picture moves back by `shift` pixels a view step."""
-    x, y = (shift * offset / length for offset, length in ((p, size[1]), (q, size[0])))
-    return {"type": "perspective", "principal_point_offset_x": x, "principal_point_offset_y": y}
-
-
 class MitsubaScene:
     """A scene for Mitsuba to render.
 
@@ -160,15 +132,16 @@ class MitsubaScene:
 
     def view(self, p: float, q: float, slope: float = 0.0, samples: int = 64, seed: int = 0) -> Tensor:
         """Picture of a pinhole at (p, q), shifted so that the plane of the slope stays in place, [3, H, W]."""
-        size = self.camera.size
-        lens = pinhole(p, q, HORIZON + slope, size)
-        return render(self.scene, lens, FOCAL, size, (-p, -q), spp=samples, seed=seed)
+        height, width = self.camera.size
+        x, y = ((HORIZON + slope) * offset / length for offset, length in ((p, width), (q, height)))
+        pinhole = {"type": "perspective", "principal_point_offset_x": x, "principal_point_offset_y": y}
+        return self._render(pinhole, (-p, -q), samples, seed)
 
     def through_disc(self, slope: float, samples: int = 256, seed: int = 0) -> Tensor:
         """Picture of a thin lens whose disc spans the views, [3, H, W]."""
         radius = min(self.camera.grid) / 2
         lens = {"type": "thinlens", "aperture_radius": radius, "focus_distance": float(distance(slope))}
-        return render(self.scene, lens, FOCAL, self.camera.size, (0, 0), spp=samples, seed=seed)
+        return self._render(lens, (0, 0), samples, seed)
 
     def through_square(self, slope: float, side: int = 12, samples: int = 4, seed: int = 0) -> Tensor:
         """Mean picture of pinholes, one at a random point of each of side x side parts of the square, [3, H, W]."""
@@ -177,6 +150,21 @@ class MitsubaScene:
         points = ((parts + random.uniform(size=parts.shape)) / side - 0.5) * self.camera.grid[::-1]
         pictures = [self.view(p, q, slope, samples, seed + n) for n, (p, q) in enumerate(points.tolist())]
         return torch.stack(pictures).mean(0)
+
+    def _render(self, lens: dict[str, Any], origin: tuple[float, float], samples: int, seed: int) -> Tensor:
+        """Picture of a lens that looks along Z from a place, [3, H, W]."""
+        height, width = self.camera.size
+        film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"}
+        sensor = {
+            **lens,
+            "fov": math.degrees(2 * math.atan(width / 2 / FOCAL)),
+            "near_clip": 0.01,
+            "to_world": mi.ScalarTransform4f().look_at([*origin, 0], [*origin, 1], [0, -1, 0]),
+            "film": {**film, "component_format": "float32", "rfilter": {"type": "box"}},
+            "sampler": {"type": "multijitter", "sample_count": samples},
+        }
+        picture = mi.render(self.scene, sensor=mi.load_dict(sensor), spp=samples, seed=seed)
+        return torch.from_numpy(np.array(picture)).movedim(-1, 0)
 
 
 def distance(disparity: Any) -> Any:
@@ -282,72 +270,6 @@ def _mesh(points: Tensor, coordinates: Tensor, bsdf: dict[str, Any], light: dict
     values["faces"] = faces.flatten().numpy().astype(np.uint32)
     values.update()
     return mesh
-
-
-# A scene of Mitsuba alone
-
-WIDTH, TRACED_FOCAL, SHIFT = 256, 300.0, 6.0
-"""Width of a view, its focal length, and by how much views move back per view step, in pixels; all change alike."""
-LAMPS = {"lamp": ([-25, -25, 15], 8000.0), "fill_factor": ([5, -5, 0], 960.0)}
-"""Place and power of a bright lamp, and of one beside the cameras that fills the shadows.
-
-They are points, and rendered one by one: without choices by chance there is no noise.
-"""
-
-
-def veins(seed: int, size: int, decay: float, low: float, high: float, tint: tuple[float, float, float]) -> Any:
-    """A texture whose amplitude falls with frequency to a power."""
-    random = np.random.default_rng(seed)
-    fy, fx = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)
-    falling = np.maximum(np.hypot(fy, fx), 1 / size) ** -decay
-    grey = np.fft.irfft2(np.fft.rfft2(random.normal(size=(size, size))) * falling, s=(size, size))
-    grey = low + (high - low) * np.clip(0.5 + (grey - grey.mean()) / (5 * grey.std()), 0, 1)
-    colours = (grey[..., None] * np.array(tint)).astype(np.float32)
-    return {"type": "bitmap", "bitmap": mi.Bitmap(colours), "raw": True}
-
-
-def statue() -> dict[str, Any]:
-    """Smooth glossy bodies with faint veins before a faintly textured wall."""
-    pale, rough = veins(1, 512, 1.4, 0.3, 0.7, (1.0, 0.98, 0.93)), veins(2, 512, 1.2, 0.12, 0.3, (0.9, 0.95, 0.8))
-    marble = {"type": "roughplastic", "alpha": 0.25, "diffuse_reflectance": pale}
-    plaster = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": rough}}
-    bodies = [
-        ("rectangle", plaster, [0, 0, 62], [40, 40, 1]),
-        ("sphere", marble, [0, 3, 50], [8, 6, 5]),
-        ("sphere", marble, [1, -6, 48], [4, 5, 4]),
-    ]
-    for n in range(14):
-        place = [1 + 3.6 * math.cos(n), -8 + 2.2 * math.sin(2.1 * n), 46.5 + 0.9 * math.sin(n)]
-        bodies.append(("sphere", marble, place, [1, 1, 1]))
-    transform = mi.ScalarTransform4f()
-    return {
-        f"body_{n}": {"type": kind, "bsdf": material, "to_world": transform.translate(place).scale(scales)}
-        for n, (kind, material, place, scales) in enumerate(bodies)
-    }
-
-
-def traced(grid: tuple[int, int], size: tuple[int, int]) -> tuple[LightField, Tensor]:
-    """The statue as 8-bit samples in linear light of sRGB, and the disparity of the central view, [H, W]."""
-    height, width = size
-    focal, shift = TRACED_FOCAL * width / WIDTH, SHIFT * width / WIDTH
-    world = {"type": "scene", "integrator": {"type": "path", "max_depth": 2}, **statue()}
-    lamps = (
-        {"type": "point", "position": place, "intensity": {"type": "rgb", "value": [power] * 3}}
-        for place, power in LAMPS.values()
-    )
-    scenes = [mi.load_dict({**world, "lamp": lamp}) for lamp in lamps]
-
-    def view(p: float, q: float) -> Tensor:
-        return sum(render(scene, pinhole(p, q, shift, size), focal, size, (-p, -q), spp=16) for scene in scenes)
-
-    places = [(u - (grid[1] - 1) / 2, v - (grid[0] - 1) / 2) for v in range(grid[0]) for u in range(grid[1])]
-    light = torch.stack([view(p, q) for p, q in places]).unflatten(0, grid).clamp(0, 1)
-    found = np.empty(size)
-    for y, x in np.ndindex(size):
-        towards = mi.ScalarVector3f((x + 0.5 - width / 2) / focal, (y + 0.5 - height / 2) / focal, 1.0)
-        found[y, x] = scenes[0].ray_intersect(mi.Ray3f(mi.ScalarPoint3f(0, 0, 0), towards)).t  # along z, by its length
-    field = LightField(SRGB.decode((255 * SRGB.encode(light)).round() / 255), "statue")
-    return field, torch.from_numpy(focal / found - shift).float()
 
 
 # The table of the page on the simulator

@@ -8,13 +8,12 @@ import argparse
 import dataclasses
 import functools
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pages
-import pandas as pd
 import torch
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
@@ -186,12 +185,6 @@ def wall(disparity: float) -> Tensor:
     return views_of(CAMERA, Surface(Plane(disparity), Checker(9, (0.62, 0.33, 0.25), (0.95, 0.9, 0.82), angle=24)))
 
 
-@functools.cache
-def slanted_page() -> Tensor:
-    """A printed page, its lower edge near, at disparity 0 in the middle, [7, 7, 3, H, W]."""
-    return views_of(CAMERA, Surface(Plane(0.0, (0.0, SLANT)), printed(f"{TEXT}\n{TEXT}", (SHAPE[1], SHAPE[0]), 10)))
-
-
 # Pictures of the page on refocusing
 
 
@@ -285,15 +278,12 @@ def focal_stack_transform() -> Figure:
 
 
 def tilt_shift() -> Figure:
-    """A slanted page: one slope for the picture, and a slope that changes from top to bottom."""
-    views = slanted_page()
+    """A printed page, its lower edge near: one slope for the picture, and one that changes from top to bottom."""
+    page = printed(f"{TEXT}\n{TEXT}", (SHAPE[1], SHAPE[0]), 10)
+    views = views_of(CAMERA, Surface(Plane(0.0, (0.0, SLANT)), page))
     flat = lfref.shift_and_sum(views, [0.0])[0]
-    return sheet([("one view", views[3, 3]), ("shift_and_sum, s = 0", flat), ("tilt_shift", along_the_page(views))])
-
-
-def along_the_page(views: Tensor) -> Tensor:
-    """The page by `tilt_shift`."""
-    return lfref.tilt_shift(views, -SLANT * (SHAPE[0] - 1) / 2, (0.0, SLANT))[0]
+    tilted = lfref.tilt_shift(views, -SLANT * (SHAPE[0] - 1) / 2, (0.0, SLANT))[0]
+    return sheet([("one view", views[3, 3]), ("shift_and_sum, s = 0", flat), ("tilt_shift", tilted)])
 
 
 def per_pixel() -> Figure:
@@ -480,52 +470,41 @@ def simulator_sim30() -> Figure:
 # Plots of tables
 
 RUNS = {
-    "accuracy_time.png": "bench/bench",
-    "causes.png": "causes/causes_by_plane",
-    "stability.png": "stability/stability",
+    "accuracy_time.png": pages.FIGURES / "bench" / "bench.csv",
+    "causes.png": pages.FIGURES / "causes" / "causes_by_plane.csv",
+    "stability.png": pages.FIGURES / "stability" / "stability.csv",
 }
-"""Plot -> the table in `runs/figures` that it is drawn from."""
+"""Plot -> the table that it is drawn from."""
 DULL = "benign|black prediction|wide|batch of 1|NaN|infinity"
 """Hard cases that are not shown."""
 
 
-def read(name: str) -> pd.DataFrame:
-    """The table of a plot."""
-    return tables.read_table(pages.FIGURES / f"{RUNS[name]}.csv")
-
-
-def front() -> Figure:
+def accuracy_time() -> Figure:
     """Accuracy against time in the scenes without a sensor's effects."""
-    rows = read("accuracy_time.png")
+    rows = tables.read_table(RUNS["accuracy_time.png"])
     return plots.front(rows[(rows["class"] == IDEAL) | (rows["method"] == FFT)])
 
 
 def causes() -> Figure:
     """Cost of each cause of error, and gains of the remedies."""
-    return plots.error_causes(read("causes.png"), panels_at=(0.125, 2.0))
+    return plots.error_causes(tables.read_table(RUNS["causes.png"]), panels_at=(0.125, 2.0))
 
 
 def stability() -> Figure:
     """Trials of 1 - SSIM and of the loss in three precisions."""
-    rows = read("stability.png")
+    rows = tables.read_table(RUNS["stability.png"])
     rows = rows[rows["component"].isin(["1 - SSIM", "loss"]) & ~rows["case"].str.contains(DULL)]
     return stability_table.heat_map(rows[rows["precision"].isin(["float32", "float16", "autocast bfloat16"])])
 
 
-DRAWN: dict[str, Callable[[], Figure]] = {
-    "alpha.png": alpha,
-    **{
-        f"{draw.__name__}.jpg": draw
-        for draw in (
-            *(shift_and_sum, interpolation, borders, exact_fourier, fourier_slice, focal_stack_transform, tilt_shift),
-            *(per_pixel, all_in_focus, super_resolve, apertures, cells, near_focus, disparity_map),
-            *(simulator_materials, simulator_sensor, simulator_truth, simulator_sim30),
-        )
-    },
-    "accuracy_time.png": front,
-    "causes.png": causes,
-    "stability.png": stability,
-}
+PHOTOGRAPHIC = (
+    *(shift_and_sum, interpolation, borders, exact_fourier, fourier_slice, focal_stack_transform, tilt_shift),
+    *(per_pixel, all_in_focus, super_resolve, apertures, cells, near_focus, disparity_map),
+    *(simulator_materials, simulator_sensor, simulator_truth, simulator_sim30),
+)
+DRAWN = {f"{draw.__name__}.jpg": draw for draw in PHOTOGRAPHIC}
+DRAWN |= {f"{draw.__name__}.png": draw for draw in (alpha, accuracy_time, causes, stability)}
+"""Name of a picture -> its function."""
 
 
 def main() -> None:
@@ -534,8 +513,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME", choices=[[], *DRAWN], help="files to draw; none: all")
     parser.add_argument("--output", type=Path, default=pages.PICTURES, help="folder of the pictures")
     arguments = parser.parse_args()
-    missing = {name for name, table in RUNS.items() if not (pages.FIGURES / f"{table}.csv").is_file()}
-    names = arguments.names or [name for name in DRAWN if name not in missing]
+    names = arguments.names or [name for name in DRAWN if name not in RUNS or RUNS[name].is_file()]
     for name in names:
         save(DRAWN[name](), arguments.output / name)
     print(f"wrote {len(names)} pictures to {arguments.output}")
