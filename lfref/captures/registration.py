@@ -157,20 +157,18 @@ def _among(patterns: Tensor, is_there: Tensor) -> Tensor:
     return left[:, sizes > 1e-6]  # patterns of length 1 that are no sum of the others
 
 
-def proportional_shifts(positions: Tensor) -> Tensor:
-    """Four patterns of shifts, of length 1: two equal for all views, two in proportion to the positions, [2I, 4]."""
-    eye = torch.eye(2, dtype=positions.dtype)
-    around = (positions - positions.mean(0))[:, :, None] * eye
-    modes = torch.cat([eye.expand(len(positions), 2, 2), around], -1).flatten(0, 1)
-    return modes / modes.norm(dim=0).clamp(min=TINY)
+PROPORTIONAL = slice(4)  # those of `linear_shifts` that are equal for all views, or in proportion to the positions
 
 
 def linear_shifts(positions: Tensor) -> Tensor:
-    """Six patterns of shifts, of length 1: two equal for all views, four linear in the positions, [2I, 6]."""
+    """Six patterns of shifts, of length 1: two equal for all views, four linear in the positions, [2I, 6].
+
+    Of the latter, the first two are in proportion to the positions.
+    """
     eye = torch.eye(2, dtype=positions.dtype)
-    around = positions - positions.mean(0)
-    crossed = (around.flip(-1)[:, :, None] * eye).flatten(0, 1)
-    return torch.cat([proportional_shifts(positions), crossed / crossed.norm(dim=0).clamp(min=TINY)], 1)
+    around = (positions - positions.mean(0))[:, :, None]
+    modes = torch.cat([eye.expand(len(positions), 2, 2), around * eye, around.flip(1) * eye], -1).flatten(0, 1)
+    return modes / modes.norm(dim=0).clamp(min=TINY)
 
 
 def combined(observed: Observed, read_at: Tensor) -> tuple[Tensor, Tensor]:
@@ -240,7 +238,7 @@ def find_alignment(registered: Registration | None) -> AlignmentDefect | str:
     linear = linear_shifts(registered.positions)
     if rms > LEAST_SHIFT:
         # Shifts linear in the other coordinate of the position count only if they are about as large as the rest.
-        larger = registered.explain(proportional_shifts(registered.positions)).shifts
+        larger = registered.explain(linear[:, PROPORTIONAL]).shifts
         if float((linear.mT @ larger.flatten()).abs().max()) < LINEAR * rms:
             shifts = larger
     quarters = torch.stack([registered.explain(linear, quarter).shifts for quarter in registered.quarters()])

@@ -20,7 +20,6 @@ import torch
 from lightning.pytorch import LightningDataModule
 from rich.progress import track
 from safetensors import safe_open
-from safetensors.torch import save
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, default_collate
 
@@ -28,7 +27,7 @@ from lfref.captures import correct as corrections
 from lfref.captures.correct import AUTO
 from lfref.data.cache import EVEN_GRID
 from lfref.data.crops import EpochLoader, EpochSampler, epoch_loader
-from lfref.io import atomic
+from lfref.io import tensor_files
 from lfref.io.tensor_files import SUFFIX
 from lfref.lightfield import LightField
 from lfref.refocuser.features import FEATURES, refiner_inputs
@@ -148,9 +147,8 @@ def write(path: Path, item: Item) -> None:
     half = item.pictures.half()
     missing = item.pictures + item.missing - half.float()
     parts = item._replace(pictures=half, missing=missing)._asdict()
-    tensors = {name: (part if name == "slopes" else part.half()).cpu().contiguous() for name, part in parts.items()}
-    with atomic.replacing(path) as partial:
-        partial.write_bytes(save(tensors))
+    tensors = {name: part if name == "slopes" else part.half() for name, part in parts.items()}
+    tensor_files.write_weights(path, tensors, {})
 
 
 def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), columns: slice = slice(None)) -> Item:

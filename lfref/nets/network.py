@@ -21,11 +21,6 @@ class Network(nn.Module, abc.ABC):
     grid: tuple[int, int] | None
     """View rows and columns (V, U) that it reads; None: any grid."""
 
-    @property
-    def like(self) -> Tensor:
-        """A tensor of the network's type, on its device."""
-        return next(self.parameters())
-
     @abc.abstractmethod
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
         """Refocus views [..., V, U, C, H, W], radiance in the type of the weights, to a stack [..., N, C, H, W].

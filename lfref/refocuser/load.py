@@ -15,9 +15,9 @@ from lfref.io.run import Run, run_name
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
-from lfref.refocuser import filling, networks
+from lfref.refocuser import networks
 from lfref.refocuser.networks import refnet, shipped_refiner
-from lfref.refocuser.refocuser import Refocuser, check_for_network
+from lfref.refocuser.refocuser import Refocuser, light_for_network
 
 CPU = torch.device("cpu")
 
@@ -101,10 +101,7 @@ class Exported(Refocuser):
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """As in `Refocuser`; untrusted samples are replaced by what the other views show."""
-        light = batches.radiance(views)
-        check_for_network(self.name, light, positions, CPU)
-        if weight is not None:
-            light = filling.filled(light, weight.to(light))
+        light = light_for_network(self.name, views, weight, positions, CPU)
         fields, planes = batches.flattened(light).float().contiguous(), slopes.float()
         stacks = self.run(fields) if self.is_network else torch.stack([self.run(field, planes) for field in fields])
         return batches.restored(stacks, views)

@@ -9,7 +9,7 @@ import inspect
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -24,9 +24,8 @@ from lfref.refocus import batches
 from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
-from lfref.refocuser import filling
 from lfref.refocuser.features import check_names, refiner_inputs
-from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser, Refocuser, check_for_network
+from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser, Refocuser, light_for_network
 
 REFINER = "refiner"
 """Entry of a checkpoint that holds the network's arguments."""
@@ -53,15 +52,10 @@ class RefinedRefocuser(Refocuser):
 
     def __init__(self, refiner: Refiner, base: OperatorRefocuser, names: Sequence[str], name: str) -> None:
         check_names(names, refiner.n_candidates)
-        self.refiner = refiner.eval()
+        self.module = self.refiner = refiner.eval()
         self.base = base
         self.names = tuple(names)
         self.name = name
-
-    def to(self, device: torch.device) -> Self:
-        """As in `Refocuser`."""
-        self.refiner.to(device)
-        return self
 
     def through(self, aperture: Aperture | None) -> "RefinedRefocuser":
         """As in `Refocuser`: the method and the features look through the aperture."""
@@ -73,8 +67,7 @@ class RefinedRefocuser(Refocuser):
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """The method's stack, corrected; black stays black."""
         like = next(self.refiner.parameters())
-        radiance = batches.radiance(views).to(like.dtype)
-        check_for_network(self.name, radiance, positions, like.device)
+        radiance = light_for_network(self.name, views, None, positions, like.device).to(like.dtype)
         n_channels = int(self.refiner.config["channels"])
         if views.shape[-3] not in (1, n_channels):
             raise InputError(f"{self.name} refocuses views of {n_channels} channels or one", got=views.shape[-3])
@@ -144,39 +137,28 @@ class NetworkRefocuser(Refocuser):
         self, network: Network, planes: FocalPlanes, name: str | None = None, is_linear: bool | None = None
     ) -> None:
         checkpoint.check_number(network, planes)
-        self.network = network.eval()
+        self.module = self.network = network.eval()
         self.name = network.name if name is None else name
         self.planes = None if network.n_planes is None else planes
         self.grid = network.grid
         self.is_linear = is_linear
 
-    def to(self, device: torch.device) -> "NetworkRefocuser":
-        """As in `Refocuser`."""
-        self.network.to(device)
-        return self
-
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """The network's stack; integer views are scaled to [0, 1]."""
-        radiance = batches.radiance(views)
-        check_for_network(self.name, radiance, positions, self.network.like.device)
-        if weight is not None:
-            # The network has no input for weights: untrusted samples are replaced by what the other views show.
-            radiance = filling.filled(radiance, weight.to(radiance))
-        return self.network(radiance.to(self.network.like.dtype), slopes).to(batches.stack_dtype(views))
+        like = next(self.network.parameters())
+        radiance = light_for_network(self.name, views, weight, positions, like.device)
+        return self.network(radiance.to(like.dtype), slopes).to(batches.stack_dtype(views))
 
 
-def shipped_refiner(
-    name: str = "refiner", aperture: Aperture | None = None, device: str | torch.device = "cpu"
-) -> RefinedRefocuser:
+def shipped_refiner(name: str = "refiner", device: str | torch.device = "cpu") -> RefinedRefocuser:
     """The model that ships with lfref: a classical method whose pictures a network corrects.
 
     Example:
         >>> lfref.load()(torch.rand(5, 5, 3, 48, 64), [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
-    path = SHIPPED["refiner"]
-    return restored_refiner(path, checkpoint.read(path), name, device).through(aperture)
+    return restored_refiner(SHIPPED["refiner"], checkpoint.read(SHIPPED["refiner"]), name, device)
 
 
 def restored_network(

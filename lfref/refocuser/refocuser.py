@@ -10,10 +10,10 @@ import inspect
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from lfref import geometry
 from lfref.errors import InputError
@@ -43,6 +43,8 @@ class Refocuser(abc.ABC):
     """Device that it runs on, to which views are moved, and the stack back; None: that of the views."""
     is_network: bool = False
     """Whether it has learned; all others are classical."""
+    module: nn.Module | None = None
+    """Its weights, if it has any."""
 
     @property
     def takes_positions(self) -> bool:
@@ -92,8 +94,10 @@ class Refocuser(abc.ABC):
         """This method with an aperture; itself if it has one already, or cannot weigh views, or for None."""
         return self
 
-    def to(self, device: torch.device) -> "Refocuser":
+    def to(self, device: torch.device) -> Self:
         """Move its weights, if it has any, to a device; returns itself."""
+        if self.module is not None:
+            self.module.to(device)
         return self
 
     def cell_width(self, slopes: Tensor) -> float:
@@ -115,13 +119,20 @@ class Refocuser(abc.ABC):
         return self.planes.slopes
 
 
-def check_for_network(name: str, views: Tensor, positions: Tensor | None, device: torch.device) -> None:
-    """Refuse cameras off the even grid, views on another device, and samples that are not finite."""
+def light_for_network(
+    name: str, views: Tensor, weight: Tensor | None, positions: Tensor | None, device: torch.device
+) -> Tensor:
+    """The radiance that a network reads: it has no input for weights, so untrusted samples are filled.
+
+    Cameras off the even grid, views on another device and samples that are not finite are refused.
+    """
     if positions is not None:
         raise uneven(name)
     if views.device != device:
         raise InputError(f"views must be on the network's device, {device}", got=views.device)
-    batches.check_finite(views, "mend the file, or give samples weight 0")
+    radiance = batches.radiance(views)
+    batches.check_finite(radiance, "mend the file, or give samples weight 0")
+    return radiance if weight is None else filling.filled(radiance, weight.to(radiance))
 
 
 def uneven(name: str) -> InputError:

@@ -72,7 +72,7 @@ def test_linear_shifts_are_disparities_or_nothing():
     explanation = registration.explain(CERTAIN, moved, SHOWN, PLACES, LINEAR)
     assert float(explanation.shifts.abs().max()) < 1e-6
     torch.testing.assert_close(explanation.disparities, disparities + 0.3, atol=1e-6, rtol=0)
-    modes = registration.proportional_shifts(PLACES)
+    modes = LINEAR[:, registration.PROPORTIONAL]
     torch.testing.assert_close(modes @ (modes.mT @ linear.flatten()), linear.flatten())
     torch.testing.assert_close(modes.mT @ modes, torch.eye(4, dtype=torch.float64))
 
