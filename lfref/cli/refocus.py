@@ -51,7 +51,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
     def write(name: str, result: tuple[Refocused, Corrections | None]) -> None:
         refocused, corrections = result
-        with steps.writing(folder, places[name]) as place:
+        with atomic.filling_folder(places[name]) as place:  # the run folder is there, others get their names at the end
             results.write_results(place, refocused, optional)
             if corrections is not None:
                 atomic.write_text(place / "corrections.txt", corrections.summary() + "\n")

@@ -9,7 +9,7 @@ import math
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -261,16 +261,6 @@ def gain(field: LightField, config: DictConfig) -> float:
 def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -> Path:
     """The result folder of one light field: the run folder for a single input, else RUN/NAME."""
     return folder if {path.resolve()} == {other.resolve() for other in inputs} else folder / name
-
-
-@contextmanager
-def writing(folder: Path, results: Path) -> Iterator[Path]:
-    """The folder to write results into: the run folder, or a partial folder that gets its name when it is complete."""
-    if results == folder:
-        yield results
-        return
-    with atomic.filling_folder(results) as partial:
-        yield partial
 
 
 def remaining(fields: Mapping[str, Path], results: Mapping[str, Path], folder: Path) -> dict[str, Path]:
