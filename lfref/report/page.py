@@ -56,14 +56,9 @@ def write_page(
     )
     page.filters |= {"heading": tables.heading, "cell": lambda value, column="": tables.format_cell(column, value)}
     page.filters["png"] = _png
-    page.tests["numeric"] = _is_numeric
+    page.tests["numeric"] = lambda column: column.dtype.kind in "iuf" and column.name not in tables.NAMES
     text = page.get_template("page.html").render(title=title, text=text, sections=sections, facts=facts)
     atomic.write_text(Path(path), text.lstrip() + "\n")
-
-
-def _is_numeric(column: pd.Series) -> bool:
-    is_number = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
-    return is_number and column.name not in tables.NAMES
 
 
 def _png(picture: Figure | Path) -> dict[str, object]:

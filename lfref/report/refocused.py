@@ -37,12 +37,7 @@ class PictureFiles:
     """Quality of JPEG and AVIF files, from 1 to 100."""
 
     def __post_init__(self) -> None:
-        images.sample_type(Path(f"picture{self.suffix}"), self.bits)
-
-    @property
-    def suffix(self) -> str:
-        """Suffix of the files' names."""
-        return f".{self.format}"
+        images.sample_type(Path(f"picture.{self.format}"), self.bits)
 
 
 def mean_of_views(field: LightField) -> Tensor:
@@ -190,5 +185,5 @@ class Refocused:
 
     def save(self, path: Path, image: Tensor) -> None:
         """Write an image [C, H, W] to a path without suffix."""
-        path = path.with_name(path.name + self.files.suffix)
+        path = path.with_name(f"{path.name}.{self.files.format}")
         images.write_image(path, self.picture(image), bits=self.files.bits, quality=self.files.quality)

@@ -41,7 +41,7 @@ def _planes(folder: Path, refocused: Refocused) -> None:
     files = refocused.files
     shown = (refocused.picture(plane).transpose(2, 0, 1) for plane in refocused.shown)
     write.write_pictures(
-        folder / "planes", shown, refocused.planes, suffix=files.suffix, bits=files.bits, quality=files.quality
+        folder / "planes", shown, refocused.planes, suffix=f".{files.format}", bits=files.bits, quality=files.quality
     )
 
 

@@ -46,12 +46,7 @@ class Coding(NamedTuple):
 
     def uri(self, image: NDArray[np.floating]) -> str:
         """An encoded image [H, W, C] in [0, 1] as a data URI."""
-        return self.address(self.coded(image)[0])
-
-    def address(self, file: bytes) -> str:
-        """The data URI of a file."""
-        kind = "jpeg" if self.suffix == ".jpg" else self.suffix[1:]
-        return f"data:image/{kind};base64,{base64.b64encode(file).decode('ascii')}"
+        return code(image, self).uri
 
 
 LOSSLESS = Coding(".png", images.QUALITY)
@@ -110,7 +105,8 @@ class Coded(NamedTuple):
     @property
     def uri(self) -> str:
         """The file as a data URI."""
-        return self.coding.address(self.file)
+        kind = "jpeg" if self.coding.suffix == ".jpg" else self.coding.suffix[1:]
+        return f"data:image/{kind};base64,{base64.b64encode(self.file).decode('ascii')}"
 
 
 def code(image: NDArray[np.floating], coding: Coding, predicted: NDArray[np.floating] | None = None) -> Coded:

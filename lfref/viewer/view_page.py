@@ -55,8 +55,8 @@ def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[
 
     Pictures of more than `MOST_BYTES` are written before it, into NAME_pictures: the second path that is returned.
     """
-    is_large = len(_json(content)) > MOST_BYTES
-    folder = path.with_name(f"{path.stem}_pictures") if is_large else None
+    folder = path.with_name(f"{path.stem}_pictures") if len(_json(content)) > MOST_BYTES else None
+    first = content["methods"][0]["planes"][content["start"]["plane"]]
     texts: dict[str, str] = {}
 
     def keep_in_page(text: str) -> str:
@@ -71,31 +71,31 @@ def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[
         atomic.write_text(path.parent / address, f"keep({json.dumps(address)}, {json.dumps(uri)});\n")
         return address
 
-    placed = _placed(content, keep_in_page, keep_in_folder if is_large else keep_in_page)
+    placed = _placed(content, first, keep_in_page, keep_in_page if folder is None else keep_in_folder)
     program = "".join((Path(__file__).parent / name).read_text(encoding="utf-8") for name in PROGRAMS)
-    text = _template("view.html").render(
+    _render(
+        "view.html",
+        path,
         title=title,
         facts=facts,
         content=content,
-        first=content["methods"][0]["planes"][content["start"]["plane"]],
+        first=first,
         folder=folder,
         texts=texts,
         program=Markup(program),
         hash=base64.b64encode(hashlib.sha256(program.encode()).digest()).decode(),
         data=Markup(_json(placed)),
     )
-    atomic.write_text(path, text.lstrip() + "\n")
     return [path] if folder is None else [path, folder]
 
 
 def _placed(
-    content: Mapping[str, Any], keep_text: Callable[[str], str], keep_picture: Callable[[str], str]
-) -> dict[str, Any]:
+    content: Mapping[str, Any], first: str, keep_text: Callable[[str], str], keep_picture: Callable[[str], str]
+) -> Any:
     """The content with addresses of its long texts and pictures, which two functions keep; `first` is in the page.
 
     Browsers read an element at one go. They show the first picture sooner if no element is long.
     """
-    first = content["methods"][0]["planes"][content["start"]["plane"]]
     texts = {name: keep_text(content["depth"][name]) for name in ("disparity", "confidence")}
 
     def placed(part: Any) -> Any:
@@ -121,11 +121,10 @@ class GalleryEntry(NamedTuple):
 
 def write_gallery(path: Path, title: str, entries: Sequence[GalleryEntry]) -> None:
     """Write a page with the first picture of each of some pages, which open at a click."""
-    text = _template("gallery.html").render(title=title, entries=entries)
-    atomic.write_text(path, text.lstrip() + "\n")
+    _render("gallery.html", path, title=title, entries=entries)
 
 
-def _template(name: str) -> jinja2.Template:
+def _render(template: str, path: Path, **values: object) -> None:
     pages = jinja2.Environment(
         loader=jinja2.PackageLoader("lfref.viewer", "."),
         autoescape=True,
@@ -133,7 +132,7 @@ def _template(name: str) -> jinja2.Template:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    return pages.get_template(name)
+    atomic.write_text(path, pages.get_template(template).render(values).lstrip() + "\n")
 
 
 def _json(content: Mapping[str, Any]) -> str:
@@ -256,7 +255,7 @@ def _views(
     weights = torch.ones(len(views)) if field.weight is None else field.weight.flatten(0, 1).flatten(1).amax(1)
     kept = weights.nonzero()[:, 0].tolist()
     has_masks = field.weight is not None and filling.view_weights(field.weight) is None
-    places = [(round(x, 4), round(y, 4)) for y, x in positions.flatten(0, 1)[kept].tolist()]
+    places = [[round(x, 4), round(y, 4)] for y, x in positions.flatten(0, 1)[kept].tolist()]
 
     # One view at a time: all of them may be larger than all else of the page.
     def shown(k: int) -> NDArray[np.float32]:
@@ -278,12 +277,12 @@ def _views(
         "pictures": coded,
         "reference": reference,
         "masks": [mask(n) for n in kept] if has_masks else None,
-        "cameras": [list(place) for place in places],
+        "cameras": places,
     }
 
 
 def _coded_views(
-    cameras: Sequence[tuple[float, float]],
+    cameras: Sequence[Sequence[float]],
     shown: Callable[[int], NDArray[np.float32]],
     disparity: NDArray[np.floating],
     first: Coding,
