@@ -12,6 +12,7 @@ import importlib.util
 import json
 import math
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import page
@@ -31,13 +32,12 @@ GPU = pages.ROOT / "runs" / "gpu" / "bench_front"
 """A run of `make gpu`."""
 
 
-def facts(run: str) -> dict[str, Any]:
+def facts(run: str | Path) -> Any:
     """What a run of `lfref bench` knows of its machine and its scenes."""
-    contents: dict[str, Any] = json.loads((FIGURES / run / "machine.json").read_text())
-    return contents
+    return json.loads((FIGURES / run / "machine.json").read_text())
 
 
-def read(run: str, name: str) -> pd.DataFrame:
+def read(run: str | Path, name: str) -> pd.DataFrame:
     """A table of a run of `lfref bench`."""
     return tables.read_table(FIGURES / run / f"{name}.csv")
 
@@ -95,8 +95,7 @@ def methods() -> Iterator[str]:
 
 def gpu_times() -> Iterator[str]:
     """Time of every operator setting on a GPU."""
-    known = json.loads((GPU / "machine.json").read_text())
-    rows = tables.read_table(GPU / "bench.csv").drop_duplicates("method")
+    known, rows = facts(GPU), read(GPU, "bench").drop_duplicates("method")
     yield from pages.head("method", "median, ms", "p10 to p90, ms")
     for each in rows[rows["reference"].notna()].itertuples():
         yield row(each.method, f"{1e3 * each.median_s:.1f}", f"{1e3 * each.p10_s:.1f} to {1e3 * each.p90_s:.1f}")

@@ -4,6 +4,7 @@ A measured table stands between `<!-- measured: NAME -->` and `<!-- end -->`.
 """
 
 import math
+import os
 import re
 import subprocess
 import sys
@@ -71,9 +72,9 @@ def this_machine() -> str:
     return machine(timing.facts(CPU))
 
 
-def lfref(*words: object) -> None:
-    """Run a command of lfref."""
-    subprocess.run([*LFREF, *map(str, words)], check=True, cwd=ROOT)
+def lfref(*words: object, **environment: str) -> None:
+    """Run a command of lfref, with some variables of its environment."""
+    subprocess.run([*LFREF, *map(str, words)], check=True, cwd=ROOT, env=os.environ | environment)
 
 
 def composed(command: str, *overrides: str) -> DictConfig:

@@ -7,11 +7,8 @@ Letters: `N` planes, `C H W` channel, pixel row and column, `u v` view column an
 """
 
 import argparse
-import dataclasses
 import functools
 import itertools
-import os
-import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -48,7 +45,6 @@ from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
 from lfref.report import drawing, tables
 from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, MAGENTA, RED, TEAL
 from lfref.simulator import sim30
-from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
@@ -83,7 +79,8 @@ TRUTH = evaluation.TRUTH
 OWN = dict(zip(NETWORKS.values(), (*LABELS, TRUTH), strict=True))
 """Method of each network -> its labels."""
 KEYS = ["method", "reference"]
-QUIET = ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures", "data.workers=0")
+QUIET = tuple(f"+trainer.enable_{what}=false" for what in ("progress_bar", "model_summary"))
+QUIET += ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures", "data.workers=0")
 LEAST_DB, LEAST_SSIM = 30, 0.925
 """Quality by which scenes are counted."""
 QUALITY = {
@@ -112,20 +109,15 @@ LAPLACIAN = torch.tensor([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])[N
 
 def train(folder: Path, overrides: Sequence[str]) -> None:
     """Train a network in a process of one thread; a finished one stays as it is, an interrupted one goes on."""
-    if Run(folder).is_finished:
-        return
-    one_thread = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-    command = [*pages.LFREF, "train", *overrides, *QUIET, f"output={folder}", "resume=auto"]
-    process = subprocess.run(command, env=one_thread, capture_output=True, text=True)
-    if process.returncode:
-        raise SystemExit(f"{folder}: {process.stderr[-2000:]}")
+    if not Run(folder).is_finished:
+        words = ["train", *overrides, *QUIET, f"output={folder}", "resume=auto"]
+        pages.lfref(*words, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
 
 
 def cases(names: Iterable[str] = sim30.SCENES) -> Iterator[EvaluationCase]:
     """Scenes of sim30 as a perfect sensor records them, with their truth at the paper's planes."""
-    scenes = (sim30.SCENES[name] for name in track(list(names), description="evaluating"))
-    perfect = (dataclasses.replace(scene, sensor=Sensor()) for scene in scenes)
-    return evaluation.scene_cases(perfect, PLANES.slopes, CPU)
+    for name in track(list(names), description="evaluating"):
+        yield evaluation.ideal_case(sim30.SCENES[name], PLANES.slopes, CPU)
 
 
 @torch.no_grad()

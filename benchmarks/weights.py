@@ -5,7 +5,6 @@ NAME is `refiner` (a refiner) or `refnet`. Run by `make weights`. Fills the mode
 
 import argparse
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +12,11 @@ import pages
 import paper
 import torch
 import yaml
-from pages import PLANES
+from pages import CPU, PLANES
 
 import lfref
 from lfref.bench.accuracy import RIVAL
-from lfref.bench.evaluation import IDEAL, EvaluationCase
+from lfref.bench.evaluation import IDEAL, EvaluationCase, ideal_case
 from lfref.io import images
 from lfref.io.read import read
 from lfref.io.run import Run
@@ -27,8 +26,6 @@ from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import networks
 from lfref.report import pictures
 from lfref.simulator import sim30
-from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.simulate import simulate
 
 PLACES = ("output=", "data.cache_folder=", "data.workers=", "resume=", "callbacks.", "+trainer.enable_")
 """Overrides that no notes tell: where a run lies on a disk is nobody's concern."""
@@ -65,9 +62,7 @@ COLUMNS = {
 def scenes() -> Iterator[LightField]:
     """The scenes of sim30 as a perfect sensor records them."""
     for name, scene in sim30.SCENES.items():
-        views = simulate(replace(scene, sensor=Sensor()), outputs=("views",), slopes=[0.0]).views
-        assert views is not None
-        yield LightField(views.clamp(0, 1), name)
+        yield LightField(ideal_case(scene, torch.zeros(1), CPU).light.views.clamp(0, 1), name)
 
 
 def by_labels(network: networks.NetworkRefocuser, fields: Iterable[LightField]) -> dict[str, dict[str, float]]:
