@@ -12,6 +12,7 @@ ones. A seed fixes which mutants are drawn. With `--constants`, each module cons
 import argparse
 import ast
 import concurrent.futures
+import inspect
 import os
 import random
 import shutil
@@ -171,7 +172,6 @@ def try_mutants(mutants: list[Mutant], n_workers: int) -> None:
 # Walks
 
 PACKAGE = str(ROOT / "lfref") + "/"
-CO_OPTIMIZED = 1  # set for functions, not for modules and class bodies
 
 
 def walk(use: str, run: Callable[[], object]) -> None:
@@ -206,8 +206,8 @@ def walk(use: str, run: Callable[[], object]) -> None:
 
 
 def is_ours(code: CodeType) -> bool:
-    """Whether it is a function of lfref."""
-    return code.co_filename.startswith(PACKAGE) and bool(code.co_flags & CO_OPTIMIZED)
+    """Whether it is a function of lfref, and no module or body of a class."""
+    return code.co_filename.startswith(PACKAGE) and bool(code.co_flags & inspect.CO_OPTIMIZED)
 
 
 def walk_all() -> None:

@@ -55,7 +55,10 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
     image = images.read_image(path)
     if images.format_of_head(images.read_head(path)) == "jpeg":
         log.warning("%s: the losses of JPEG mix neighbouring views; read a lossless file if there is one", path)
-    if options.describes_lenslets:
+    described = options.pitch, options.offset, options.rotation, options.lattice, options.calibration
+    if any(
+        option is not None for option in described
+    ):  # else they are aligned with the pixels, or the image shows them
         return _resampled_views(path, image, options)
     grey = _grey(image)
     steps = [along for axis in (0, 1) if (along := steps_along(grey, axis)) is not None]

@@ -110,13 +110,6 @@ class ReadOptions:
             raise InputError("options of the reader must be as lfref.read describes them", got=got)
         return own
 
-    @property
-    def describes_lenslets(self) -> bool:
-        """Whether any option says where lenslets stand; else they are aligned with the pixels of the image."""
-        return any(
-            getattr(self, name) is not None for name in ("pitch", "offset", "rotation", "lattice", "calibration")
-        )
-
     def window(self, grid: Sequence[int], path: Path, views: Cell | None = None) -> tuple[slice, slice]:
         """Rows and columns to keep of a grid in the file at `path`; `views` stands in for the option."""
         slices = []
