@@ -23,6 +23,7 @@ from lfref.captures.defect import Defect
 from lfref.captures.displacements import OUTLYING, SIDE, TINY, Fitted, Observed, Patches
 from lfref.functional import interpolation
 from lfref.lightfield import LightField
+from lfref.refocus import batches
 
 SETTLED = 0.08  # pixels, by trial: patches that moved less are not read again
 FEWEST_PATCHES = 12  # three for each quarter
@@ -101,9 +102,8 @@ def register(field: LightField, disparity: Tensor, reference: tuple[int, int]) -
 
 def positions_of(field: LightField) -> Tensor:
     """Positions of the views from the angular centre, (v, u) in view steps, float64, [V U, 2]."""
-    if field.positions is not None:
-        return field.positions.double().cpu().flatten(0, 1)
-    return torch.cartesian_prod(*(geometry.angular_offsets(n) for n in field.grid)).reshape(-1, 2)
+    positions = batches.even(field.grid) if field.positions is None else field.positions
+    return positions.double().cpu().flatten(0, 1)
 
 
 def _shown(field: LightField, patches: Patches, positions: Tensor) -> Tensor:

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.io import atomic, cameras
+from lfref.io import atomic
 from lfref.io.disparity_files import Cameras
 from lfref.lightfield import LightField
+from lfref.refocus import batches
 from lfref.refocuser import filling
 from lfref.report import pictures
 from lfref.report.refocused import Refocused
@@ -170,8 +171,8 @@ def page_content(
     values = [first.planes.values[plane] for plane in first.by_slope]
     looked_at = float(slopes.ravel()[int(_interest(first, near * slopes, confidence).argmax())])
     focus = min(max(looked_at, values[0]), values[-1])
-    pinholes = Cameras.from_metadata(first.field.metadata)
-    at_zero, growth = (0.0, 0.0) if pinholes is None else pinholes.dioptres(first.field.size)
+    cameras = Cameras.from_metadata(first.field.metadata)
+    at_zero, growth = (0.0, 0.0) if cameras is None else cameras.dioptres(first.field.size)
     middle = first.field.views[tuple(length // 2 for length in first.field.grid)]
     small = coding.smallest(first.encoded(middle)).coding
     encode = small.uri if len(methods) == 1 else LOSSLESS.uri
@@ -184,7 +185,7 @@ def page_content(
         "crop": _crop(first.field),
         "slopes": values,
         "near": near,
-        "dioptres": None if pinholes is None else [at_zero, near * growth],
+        "dioptres": None if cameras is None else [at_zero, near * growth],
         "shape": "square" if aperture is None else "own",
         "aperture": None if aperture is None else (aperture / aperture.max()).double().round(decimals=4).tolist(),
         "titles": [first.planes.titles[plane] for plane in first.by_slope],
@@ -248,9 +249,7 @@ def _views(
     def smaller(image: Tensor) -> Tensor:
         return F.interpolate(image[None], size, mode="bilinear", antialias=True)[0] if scale < 1 else image
 
-    positions = field.positions
-    if positions is None:
-        positions = torch.from_numpy(cameras.even_positions(field.grid))
+    positions = batches.even(field.grid) if field.positions is None else field.positions
     # Views without any weight are missing.
     weights = torch.ones(len(views)) if field.weight is None else field.weight.flatten(0, 1).flatten(1).amax(1)
     kept = weights.nonzero()[:, 0].tolist()
