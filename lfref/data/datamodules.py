@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import astuple
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -200,12 +200,12 @@ class FolderData(PatchData):
         return train, held, set(fields).difference(train, held)
 
 
+@dataclass(frozen=True)
 class FolderSource(Source):
     """Files or folders of light fields, and how to open one; equal in every epoch."""
 
-    def __init__(self, paths: Sequence[Path], opened: Callable[[Path], Field]) -> None:
-        self.paths = list(paths)
-        self.open = opened
+    paths: Sequence[Path]
+    open: Callable[[Path], Field]
 
     def __len__(self) -> int:
         return len(self.paths)

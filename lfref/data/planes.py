@@ -13,7 +13,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -159,17 +159,12 @@ def read(path: Path, planes: slice = slice(None), rows: slice = slice(None), col
         return Item(**{name: file.get_slice(name)[planes, :, rows, columns] for name in names}, slopes=slopes)
 
 
-class PlaneBatch(TypedDict):
-    """Planes of light fields, or crops of them; as an entry of a set, without the first axis."""
-
-    features: Tensor  # of the pictures, [B, K, H, W]
-    pictures: Tensor  # classical pictures that the refiner corrects, [B, C, H, W]
-    error_scale: Tensor  # expected error of the pictures, [B, 1, H, W]
-    missing: Tensor  # truth minus pictures, [B, C, H, W]
-    where: list[str]  # names of the item's file and its plane, B entries
+Entry = dict[str, Any]
+"""A plane, or a crop of it: the images of an `Item` by their names, and `where`, the item's file and the plane; of a
+batch, the images of B planes [B, ., H, W] and B names."""
 
 
-class Planes(Dataset[dict[str, Any]]):
+class Planes(Dataset[Entry]):
     """All planes of some items, one per entry: whole, or random crops in random orientations.
 
     Crops are repeatable by (seed, epoch, place). All items must have the same number of planes and the same size.
@@ -182,7 +177,7 @@ class Planes(Dataset[dict[str, Any]]):
     def __len__(self) -> int:
         return len(self.paths) * self.n_planes
 
-    def __getitem__(self, key: tuple[int, ...]) -> dict[str, Any]:
+    def __getitem__(self, key: tuple[int, ...]) -> Entry:
         epoch, place, _ = key
         path, plane = self.paths[place // self.n_planes], place % self.n_planes
         random, box = np.random.default_rng((self.seed, epoch, place)), [slice(None), slice(None)]

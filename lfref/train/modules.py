@@ -13,7 +13,7 @@ from torch.optim.lr_scheduler import CyclicLR, LambdaLR, LRScheduler, OneCycleLR
 from torchmetrics import Metric
 
 from lfref.data.crops import Batch
-from lfref.data.planes import PlaneBatch, Recipe
+from lfref.data.planes import Entry, Recipe
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
@@ -217,11 +217,11 @@ class Refining(Fitting):
         self.loss = loss
         self.recipe = recipe
 
-    def training_step(self, batch: PlaneBatch, batch_index: int) -> Tensor:
+    def training_step(self, batch: Entry, batch_index: int) -> Tensor:
         """The loss of one batch."""
         return self._loss(batch, self.net(batch["features"], batch["pictures"], batch["error_scale"]), "train")
 
-    def validation_step(self, batch: PlaneBatch, batch_index: int) -> None:
+    def validation_step(self, batch: Entry, batch_index: int) -> None:
         """Log the loss, the PSNR and its gain over the pictures for one held-out light field."""
         output = self.net(batch["features"], batch["pictures"], batch["error_scale"])
         self._loss(batch, output, "val")
@@ -237,7 +237,7 @@ class Refining(Fitting):
         """The entry of `Fitting.payload`: the refiner's arguments, its method and its features."""
         return refiner_entry(self.net, self.recipe.base, self.recipe.features)
 
-    def _loss(self, batch: PlaneBatch, output: Tensor, stage: str) -> Tensor:
+    def _loss(self, batch: Entry, output: Tensor, stage: str) -> Tensor:
         truth = batch["pictures"] + batch["missing"]
         loss: Tensor = self.loss(output, truth, batch["pictures"], batch["error_scale"])
         self.log_stage(stage, {LOSS: loss}, len(output))
