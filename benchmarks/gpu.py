@@ -49,6 +49,7 @@ def steps(epochs: int) -> Iterator[tuple[str, tuple[str, ...]]]:
     benchmarks = pages.ROOT / "benchmarks"
     # An operator that is wrong on this GPU should be known before anything is measured.
     yield "tests", (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "gpu", "tests")
+    yield "times", (sys.executable, str(benchmarks / "gpu_times.py"))
     for group, overrides in BENCH.items():
         yield f"bench_{group}", (*LFREF, "bench", f"suite={group}", "device=cuda", *overrides)
     yield "training_speed", (sys.executable, str(benchmarks / "scale.py"), "steps")

@@ -38,7 +38,8 @@ from lfref.lightfield import LightField
 from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.mean_of_views import mean_of_views
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser

@@ -72,9 +72,9 @@ def even_slopes(n_planes: int, first: float = -1.0, last: float = 1.0) -> Tensor
     return torch.linspace(first, last, int(n_planes), dtype=torch.float64)
 
 
-def angular_offsets(n_views: int) -> Tensor:
+def angular_offsets(n_views: int, device: torch.device | None = None) -> Tensor:
     """Offset of each view from the angular centre, u - u0 with u0 = (n - 1) / 2, in view steps, float64, [n_views]."""
-    return torch.arange(n_views, dtype=torch.float64) - (n_views - 1) / 2
+    return torch.arange(n_views, dtype=torch.float64, device=device) - (n_views - 1) / 2
 
 
 def corner_shift(slopes: Tensor, grid: Sequence[float]) -> float:
@@ -96,6 +96,8 @@ def as_slopes(slopes: Slopes | float) -> Tensor:
 
 def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -> Tensor:
     """The slopes as float64 on the CPU, [N]; an InputError if a corner view shifts by half its size [H, W] or more."""
+    if torch.compiler.is_exporting() and isinstance(slopes, Tensor):
+        return slopes  # a file gets them when it runs
     values = as_slopes(slopes)
     for n_views, length, axis in zip(grid, size, ("height", "width"), strict=True):
         if (shift := corner_shift(values, (n_views,))) > 0 and shift >= length / 2:

@@ -18,7 +18,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.bench import timing
 from lfref.bench.timing import FFT
-from lfref.functional.fft_lengths import is_fast
+from lfref.functional.fourier import is_fast
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
 

@@ -35,9 +35,9 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes, even_planes
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
+from lfref.refocus.focus.line_range import disparity_range
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.shift import shift_and_sum
-from lfref.refocus.shift.shift_and_sum import disparity_range
+from lfref.refocus.shift.shift_and_sum_antialiased import cell_widths
 from lfref.refocuser.refocuser import Aperture, OperatorRefocuser, Refocuser
 from lfref.simulator.effects.sensor import Sensor
 from lfref.simulator.scene import Scene
@@ -182,7 +182,7 @@ def dense_integral(views: Tensor, slopes: Tensor) -> Tensor:
     The dense views are points too: far from focus, their sum would leave copies of edges in the reference. There each
     view stands for its cell, blurred by its distance from the middle disparity (`shift_and_sum_antialiased`).
     """
-    boxes = shift_and_sum.cell_widths(slopes, disparity_range(views))
+    boxes = cell_widths(slopes, disparity_range(views))
     planes = zip(slopes.tolist(), boxes.tolist(), strict=True)
     return torch.cat(
         [exact_fourier(views, [slope], fill_factor=1.0, disparity=slope - box) for slope, box in planes], -4

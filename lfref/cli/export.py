@@ -15,7 +15,7 @@ from lfref.refocuser.refocuser import Refocuser
 from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
-SIZES = (96, 128), (75, 101)
+SIZES = (144, 176), (133, 171)
 """Height and width of the simulated light fields that a file is tried on."""
 SEED = 11
 

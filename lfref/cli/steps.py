@@ -27,6 +27,7 @@ from lfref.geometry import FocalPlanes
 from lfref.io import atomic, images, samples, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
+from lfref.refocus.scene import analyze_scene
 from lfref.refocuser.load import CPU, load
 from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report.refocused import brightening
@@ -246,6 +247,14 @@ def refocus_field(refocuser: Refocuser, field: LightField, slopes: Tensor, devic
     """The stack of a light field at slopes [N], on the CPU, [N, C, H, W]."""
     with torch.no_grad():
         return refocuser(field.to(device), slopes).cpu()
+
+
+def of_scene(methods: Sequence[Refocuser], field: LightField, device: torch.device) -> list[Refocuser]:
+    """Methods for one light field, whose scene is analyzed once for all of them if they read all of its samples."""
+    if len(methods) < 2 or field.weight is not None or field.positions is not None:
+        return list(methods)
+    scene = analyze_scene(field.to(device))
+    return [method.of_scene(scene) for method in methods]
 
 
 def gain(field: LightField, config: DictConfig) -> float:

@@ -53,7 +53,7 @@ def view(config: DictConfig, folder: Path) -> None:
         gain = steps.gain(field, config)
         shown = {
             method.name: Refocused(field, steps.refocus_field(method, field, planes.slopes, device), planes, gain)
-            for method in refocusers
+            for method in steps.of_scene(refocusers, field, device)
         }
         if truth is not None:
             shown["truth"] = Refocused(field, steps.checked_truth(truth, field, planes), planes, gain)

@@ -1,8 +1,10 @@
 """A refocuser as a file that other programs run: ONNX, PyTorch's PT2, or weights alone as safetensors.
 
-ONNX and PT2 hold a network in float32 for pictures of any size; ONNX also separable Wiener refocusing
-(`export.separable_wiener`), which reads slopes too. Other precisions are made of the file by the tools of whatever runs
-it. Safetensors hold the weights of a network or a refiner, for `lfref.load`.
+ONNX and PT2 hold a network or an operator in float32 for pictures of any size; an operator's file reads slopes too.
+The operator is the method itself, traced: where it would read a number on the host, the file goes the way of a GPU, and
+where views move so far that gradients fail, about 3 pixels per view step, it does not search all slopes. Other
+precisions are made of the file by the tools of whatever runs it. Safetensors hold the weights of a network or a
+refiner, for `lfref.load`.
 A file gets its name once its pictures are those of the refocuser.
 Letters: `B` light fields, `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
 """
@@ -21,25 +23,32 @@ import torch
 from torch import Tensor, nn
 
 from lfref.errors import InputError, LfrefError, chosen
-from lfref.export.separable_wiener import SeparableWiener
-from lfref.export.sums import Aperture
 from lfref.extras import needed
 from lfref.functional.psnr import psnr
 from lfref.io import atomic, tensor_files
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
-from lfref.refocus.separable_wiener import separable_wiener
+from lfref.refocus.focus import line_range
 from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, Exported, load
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, refiner_entry
-from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
+from lfref.refocuser.refocuser import Operator, OperatorRefocuser, Refocuser
 
 Axes = tuple[int | str, ...]
 """Lengths of axes; a letter where any length will do."""
-SIZE = (2, 36, 44)
-"""Number of light fields or planes, height and width with which a graph is traced; none is a special case."""
+SIZE = (2, 133, 143)
+"""Number of light fields, height and width with which a graph is traced; none is a special case."""
 TOLERANCE = 1e-4
 """Largest distance, in light, between pictures of a file and of its refocuser."""
+
+
+OPERATORS = {
+    "shift_and_sum": 1,
+    "shift_and_sum_antialiased": line_range.REDUCTION * line_range.SMALLEST,
+    "exact_fourier": 1,
+    "separable_wiener": 1,
+}
+"""Operators that files hold, and the least height and width of views: smaller ones are reduced by other factors."""
 
 
 class Parity(NamedTuple):
@@ -109,13 +118,13 @@ def compared(refocuser: Refocuser, file: Refocuser, fields: Sequence[LightField]
 
 
 def graph_of(refocuser: Refocuser, grid: tuple[int, int]) -> Graph:
-    """The graph of a network, or of separable Wiener refocusing for views of a grid; InputError for others."""
+    """The graph of a network, or of an operator for views of a grid; InputError for others."""
     if isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None and refocuser.grid is not None:
         return _network(refocuser)
-    if isinstance(refocuser, OperatorRefocuser) and refocuser.function is separable_wiener and not refocuser.options:
-        return _separable_wiener(refocuser, grid)
+    if isinstance(refocuser, OperatorRefocuser) and refocuser.function.__name__ in OPERATORS:
+        return _operator(refocuser, grid)
     raise InputError(
-        "a graph must be of a network with planes of its own, or of separable_wiener without options",
+        f"a graph must be of a network with planes of its own, or of {', '.join(OPERATORS)}",
         got=refocuser.name,
         remedy=f"take method=separable_wiener, or {tensor_files.SUFFIX} for a refiner",
     )
@@ -138,12 +147,27 @@ def _network(refocuser: NetworkRefocuser) -> Graph:
     return Graph(_with_centred_norms(copy.deepcopy(network)), {VIEWS: views}, stack, (example,), description)
 
 
-def _separable_wiener(refocuser: OperatorRefocuser, grid: tuple[int, int]) -> Graph:
-    weights = None if refocuser.aperture is None else refocuser.aperture(grid).tolist()
+class OperatorGraph(nn.Module):
+    """Light [V, U, C, H, W] and slopes [N] -> stack [N, C, H, W], by an operator whose options are bound."""
+
+    def __init__(self, operator: Operator, options: dict[str, Any], least: int) -> None:
+        super().__init__()
+        self.operator, self.options, self.least = operator, options, least
+
+    def forward(self, light: Tensor, slopes: Tensor) -> Tensor:
+        """Refocus."""
+        for length in light.shape[3:]:
+            torch._check(length >= self.least)
+        return self.operator(light, slopes, **self.options)
+
+
+def _operator(refocuser: OperatorRefocuser, grid: tuple[int, int]) -> Graph:
+    options = {} if refocuser.aperture is None else {"weights": refocuser.aperture(grid)}
     views: Axes = (*grid, "C", "H", "W")
     example = torch.rand(*grid, 3, *SIZE[1:]), torch.tensor([-0.5, 0.0, 0.5])
-    description = {"name": refocuser.name, VIEWS: views}
-    module = SeparableWiener(Aperture(grid, weights)).eval()
+    least = OPERATORS[refocuser.function.__name__]
+    description = {"name": refocuser.name, VIEWS: views, "least": least}
+    module = OperatorGraph(refocuser.operator, options, least).eval()
     return Graph(module, {VIEWS: views, SLOPES: ("N",)}, ("N", "C", "H", "W"), example, description)
 
 
@@ -182,14 +206,9 @@ def _write_onnx(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refo
         import onnxruntime  # noqa: F401  runs the file below
         import onnxscript  # noqa: F401  PyTorch's exporter needs it
     with _quiet():
-        program = torch.onnx.export(
-            graph.module,
-            graph.example,
-            dynamo=True,
-            dynamic_shapes=graph.free_axes,
-            verbose=False,
-            optimize=False,
-        )
+        with torch.no_grad():
+            traced = torch.export.export(graph.module, graph.example, dynamic_shapes=graph.free_axes, strict=False)
+        program = torch.onnx.export(traced, dynamo=True, verbose=False, optimize=False)
         assert program is not None
         _simplify(program.model)
     model = program.model_proto
@@ -253,8 +272,6 @@ def _simplify(model: Any) -> None:
 
 
 def _write_pt2(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refocuser:
-    if not isinstance(refocuser, NetworkRefocuser):
-        raise InputError(".pt2 holds networks", got=refocuser.name, remedy="take .onnx")
     graph = graph_of(refocuser, grid)
     with torch.no_grad():
         program = torch.export.export(graph.module, graph.example, dynamic_shapes=graph.free_axes)
@@ -262,7 +279,7 @@ def _write_pt2(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refoc
     program._guards_code.clear()
     torch.export.save(program, path, extra_files={DESCRIPTION: json.dumps(graph.description)})
     module = program.module()
-    return Exported(lambda views: module(views), graph.description)
+    return Exported(lambda *inputs: module(*inputs), graph.description)
 
 
 def _write_weights(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refocuser:

@@ -10,9 +10,18 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+LARGE = 15
+"""Side of a square, in pixels, from which on pooling a row, then a column, takes fewer operations than shifts."""
+
 
 def box_mean(images: Tensor, window: int) -> Tensor:
     """Mean of a square of `window` (odd) pixels about each pixel of images [..., H, W]; it ends at their border."""
+    if window > LARGE:
+        flat = images.reshape(1, -1, *images.shape[-2:])
+        for sides in ((window, 1), (1, window)):
+            reach = (sides[0] // 2, sides[1] // 2)
+            flat = F.avg_pool2d(flat, sides, 1, reach, count_include_pad=False)
+        return flat.reshape(images.shape)
     for axis in (-2, -1):
         sums, counts = images.clone(), images.new_ones(images.shape[axis])
         ones = counts.clone()
@@ -55,6 +64,14 @@ def _add(sums: Tensor, images: Tensor, apart: int, axis: int, share: float = 1.0
     if length > 0:
         sums.narrow(axis, apart, length).add_(images.narrow(axis, 0, length), alpha=share)
         sums.narrow(axis, 0, length).add_(images.narrow(axis, apart, length), alpha=share)
+
+
+def gradient(images: Tensor, axis: int) -> Tensor:
+    """Central differences along an axis of at least 2 pixels; those at its ends are one-sided."""
+    length = images.shape[axis]
+    inner = (images.narrow(axis, 2, length - 2) - images.narrow(axis, 0, length - 2)) / 2
+    first, last = (images.narrow(axis, at + 1, 1) - images.narrow(axis, at, 1) for at in (0, length - 2))
+    return torch.cat([first, inner, last], axis)
 
 
 def smoothed(images: Tensor, sigma: float) -> Tensor:

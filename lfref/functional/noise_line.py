@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.functional.devices import length_of, sent
 from lfref.lightfield import LightField
 
 BLOCK = 8
@@ -29,29 +30,43 @@ LEAST_BLOCKS = 500
 """Least number of blocks in a level."""
 SAMPLES = 1 << 19
 """Approximate number of samples that are measured."""
+BEYOND, TINY, APART = 3e38, 1e-30, 1e4
+"""Light of blocks that do not count; least power; distance of two levels in logarithms of power."""
 
 
 def measure(field: LightField) -> tuple[float, float]:
     """Variance per unit of light, a, and in the dark, b; both are 0 if views are too small for a measurement."""
+    shot, read = measured(field.views, field.weight)
+    return float(shot), float(read)
+
+
+def measured(views: Tensor, weight: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """As `measure`, for views [V, U, C, H, W] and the weight of their samples [V, U, 1, H, W], on their device."""
     # Channels of some evenly spread views; if there are views of which all samples have weight (one in 97 is looked
     # at), only of these.
-    n_rows, n_columns, n_channels, height, width = field.views.shape
-    count = max(1, min(n_rows * n_columns, SAMPLES // (n_channels * height * width)))
-    candidates = torch.arange(n_rows * n_columns)
-    if field.weight is not None:
-        full = torch.stack([row.flatten(1)[:, ::97].amin(1) > 0 for row in field.weight]).flatten().cpu()
+    n_rows, n_columns, n_channels, height, width = views.shape
+    candidates = torch.arange(n_rows * n_columns, device=views.device)
+    if weight is not None:
+        full = torch.stack([row.flatten(1)[:, ::97].amin(1) > 0 for row in weight]).flatten()
         candidates = candidates[full] if bool(full.any()) else candidates
-    places = candidates[torch.linspace(0, len(candidates) - 1, 2 * count + 1)[1::2].round().long()]
-    pictures = field.views.flatten(0, 1)[places].flatten(0, 1).float()
-    if min(pictures.shape[-2:]) < BLOCK + 2:
-        return 0.0, 0.0
-    light, variance = blocks(pictures)
-    usable = (light > 0) & (light < BRIGHTEST) & variance.isfinite().all(1)
-    levels, quiet = (each.double() for each in _quietest(light[usable], variance[usable]))
-    if not len(levels):
-        return 0.0, 0.0
-    shot, read = fitted_line(levels, quiet, torch.ones_like(levels))
-    return float(shot), float(read)
+    count = n_views_read(n_rows * n_columns, n_channels, height, width)
+    place = (
+        (2 * torch.arange(count, dtype=torch.float64, device=views.device) + 1) * (len(candidates) - 1) / (2 * count)
+    )
+    chosen = candidates.index_select(0, place.round().long())
+    pictures = views.flatten(0, 1).index_select(0, chosen).flatten(0, 1).float()
+    if height < BLOCK + 2 or width < BLOCK + 2:
+        return pictures.new_zeros((), dtype=torch.float64), pictures.new_zeros((), dtype=torch.float64)
+    return fitted_line(*_levels(*blocks(pictures)))
+
+
+def n_views_read(n_views: int, n_channels: int, height: int, width: int) -> int:
+    """Number of views that hold about `SAMPLES` samples, at least 1."""
+    if not torch.compiler.is_exporting():
+        return max(1, min(n_views, SAMPLES // (n_channels * height * width)))
+    n_samples = torch.full((), n_channels) * torch.full((), height) * torch.full((), width)
+    most = torch.div(torch.full((), SAMPLES), n_samples, rounding_mode="floor")
+    return length_of(most.clamp(min=1).clamp(max=n_views))
 
 
 def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
@@ -66,9 +81,9 @@ def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
     rough = across[:, 2:] - 2 * across[:, 1:-1] + across[:, :-2]
     whole = rough[:, : n_down * BLOCK, : n_across * BLOCK].unflatten(2, (n_across, BLOCK))
     each = whole.unflatten(1, (n_down, BLOCK)).transpose(2, 3).reshape(-1, BLOCK**2)
-    spectra = each @ WAVES.to(each.device)
+    spectra = each @ sent(WAVES, each.device)
     power = spectra.square().unflatten(1, (2, -1)).sum(1)
-    return F.avg_pool2d(inner[None], BLOCK)[0].flatten(), power / POWER.to(each.device)
+    return F.avg_pool2d(inner[None], BLOCK)[0].flatten(), power / sent(POWER, each.device)
 
 
 def _waves() -> tuple[Tensor, Tensor]:
@@ -94,23 +109,31 @@ WAVES, POWER = _waves()
 """The spectrum of a block as a matrix, and the power of white noise in it."""
 
 
-def _quietest(light: Tensor, variance: Tensor) -> tuple[Tensor, Tensor]:
-    """Light of the levels and variance of their quiet part, at most [BINS] both, for blocks [M] and [M, F]."""
-    n_bins = max(1, min(BINS, len(light) // LEAST_BLOCKS))
-    quietest = []
-    for part in light.argsort().tensor_split(n_bins):
-        if len(part):
-            by_frequency = _lowest(variance[part], QUIET_BLOCKS)
-            quietest.append((light[part].mean(), _lowest(by_frequency, QUIET_FREQUENCIES) / QUIET_VARIANCE))
-    if not quietest:
-        return light.new_zeros(0), light.new_zeros(0)
-    lights, variances = zip(*quietest, strict=True)
-    return torch.stack(lights), torch.stack(variances)
+def _levels(light: Tensor, power: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Light of the levels, variance of their quiet part, and 1 if there is such a level, else 0: [BINS], float64.
 
-
-def _lowest(values: Tensor, share: float) -> Tensor:
-    """The value below which a share of the first axis lies."""
-    return values.kthvalue(max(1, round(share * len(values))), 0).values
+    Of blocks with mean light [M] and power [M, F]; nothing is read on the host, so that there are always `BINS` levels.
+    """
+    usable = (light > 0) & (light < BRIGHTEST) & power.isfinite().all(1)
+    n_blocks = usable.sum()
+    n_levels = (n_blocks // LEAST_BLOCKS).clamp(min=1).clamp(max=BINS)
+    size, n_larger = n_blocks // n_levels, n_blocks % n_levels
+    level = torch.arange(BINS, device=light.device)
+    first, counts = level * size + torch.minimum(level, n_larger), size + (level < n_larger).long()
+    # Blocks by their light, those that count first; and the level of each.
+    ordered = torch.where(usable, light, BEYOND).double().sort()
+    rank = torch.arange(light.shape[0], device=light.device)
+    of_level = (rank >= first[:, None]) & (rank < (first + counts)[:, None]) & (level < n_levels)[:, None]
+    number = torch.where(of_level.any(0), of_level.long().argmax(0), BINS)
+    lights = torch.where(of_level, ordered.values, 0.0).sum(1) / counts.clamp(min=1)
+    # All levels are sorted by their power at once: the logarithm is far smaller than the distance of two levels.
+    keys = power.index_select(0, ordered.indices).T.double().clamp(min=TINY).log() + APART * number
+    place = first + (QUIET_BLOCKS * counts).round().long().clamp(min=1) - 1
+    at = place.clamp(max=light.shape[0] - 1)
+    by_frequency = (keys.sort().values.index_select(1, at) - APART * level).exp()  # [F, BINS]
+    quiet = by_frequency.sort(0).values[max(1, round(QUIET_FREQUENCIES * len(by_frequency))) - 1] / QUIET_VARIANCE
+    exists = (level < n_levels) & (counts > 0)
+    return lights, torch.where(exists, quiet, 0.0), exists.double()
 
 
 def fitted_line(light: Tensor, variance: Tensor, counts: Tensor) -> tuple[Tensor, Tensor]:
@@ -121,21 +144,24 @@ def fitted_line(light: Tensor, variance: Tensor, counts: Tensor) -> tuple[Tensor
     scale = (counts * variance).amax(0).clamp(min=torch.finfo(torch.float32).tiny)
     relative = variance / scale
     weight = counts * (relative + 1e-3) ** -2
+    # One product of a table and the weights gives all sums of the least squares.
+    one = torch.ones_like(light)
+    table = torch.stack([one, light, relative, light * light, light * relative])
     shot = read = torch.zeros_like(scale)
     for _ in range(10):
-        shot, read = _least_squares(light, relative, weight)
-        above = relative / (shot * light + read).clamp(min=1e-12) - 1
+        shot, read = _least_squares(*(table @ weight).unbind(0))
+        line = torch.addcmul(read, shot, light)
         # Texture only adds variance: levels above the line count less.
-        line = shot * light + read + 1e-3
-        weight = counts * line**-2 / (1 + (above.clamp(min=0) / 0.2).square()) ** 2
+        above = (relative / line.clamp(min=1e-12) - 1).clamp(min=0) / 0.2
+        weight = counts / ((line + 1e-3) * torch.addcmul(one, above, above)).square()
     return scale * shot, scale * read
 
 
-def _least_squares(x: Tensor, y: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    total = weight.sum().clamp(min=1e-12)
-    mean_x, mean_y = (weight * x).sum() / total, (weight * y).sum() / total
-    slope = (weight * (x - mean_x) * (y - mean_y)).sum() / (weight * (x - mean_x).square()).sum().clamp(min=1e-12)
-    through_0 = (weight * x * y).sum() / (weight * x * x).sum().clamp(min=1e-12)
-    is_below_0, rises = slope * mean_x > mean_y, slope > 0
-    shot = torch.where(rises, torch.where(is_below_0, through_0, slope), 0.0)
-    return shot, torch.where(rises, torch.where(is_below_0, 0.0, mean_y - slope * mean_x), mean_y)
+def _least_squares(total: Tensor, x: Tensor, y: Tensor, xx: Tensor, xy: Tensor) -> tuple[Tensor, Tensor]:
+    """Slope and height, both at least 0, of a line by sums over its points."""
+    n = total.clamp(min=1e-12)
+    mean_x, mean_y = x / n, y / n
+    slope = (xy - mean_x * y) / (xx - mean_x * x).clamp(min=1e-12)
+    shot = slope.clamp(min=0)
+    read = mean_y - shot * mean_x
+    return torch.where(read < 0, xy / xx.clamp(min=1e-12), shot), read.clamp(min=0)

@@ -65,9 +65,6 @@ def weights(t: Fraction) -> tuple[Fraction, Fraction, Fraction, Fraction]:
 
     His parameter a is -1/2, the value that reproduces quadratics.
     """
-    return (
-        -0.5 * t + t**2 - 0.5 * t**3,
-        1 - 2.5 * t**2 + 1.5 * t**3,
-        0.5 * t + 2 * t**2 - 1.5 * t**3,
-        -0.5 * t**2 + 0.5 * t**3,
-    )
+    rest, square = 1 - t, t * t
+    first, second, last = -0.5 * t * rest * rest, 1 + square * (1.5 * t - 2.5), -0.5 * square * rest
+    return first, second, 1 - first - second - last, last

@@ -17,20 +17,22 @@ frequency in cycles per pixel, `m` fold, `q = k + m`, `s` slope, `t` tap; `N D K
 priors. `joint_wiener` solves for the views of both axes together: for more unknowns, at more frequencies.
 """
 
-from collections.abc import Callable
+import functools
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
+from lfref.functional import fourier, positive_definite
+from lfref.functional.devices import on_host
 
 DECAY = 2.5
 """Power falls with frequency to this power: 3 for edges alone, 2 for fine grain."""
 OUTER = 0.01
 """Cycles per pixel below which power stays level: a picture has some hundred pixels."""
-FOLDS = torch.tensor([-1.0, 0.0, 1.0], dtype=torch.float64)
-"""m along one axis: farther folds have next to no power."""
+FOLDS = 1
+"""Largest m along one axis: farther folds have next to no power."""
 
 
 class AxisSpectrum(NamedTuple):
@@ -40,7 +42,7 @@ class AxisSpectrum(NamedTuple):
     """Power beyond half a cycle per pixel, as a share of what an ideal edge has there."""
     unexplained: float
     """Power that no disparity explains, as a share of all power at a frequency."""
-    noise: float = 0.0
+    noise: Tensor | float = 0.0
     """Variance of the views' white noise, as a share of the picture's variance."""
 
     def power(self, frequencies: Tensor) -> Tensor:
@@ -50,9 +52,16 @@ class AxisSpectrum(NamedTuple):
         return fading * torch.sinc(frequencies).square() * torch.where(frequencies.abs() <= 0.5, 1.0, self.aliased)
 
     @property
-    def mean_power(self) -> Tensor:
+    def mean_power(self) -> float:
         """Mean of S up to half a cycle per pixel: the power of white noise of the picture's variance."""
-        return self.power((torch.arange(1024, dtype=torch.float64) + 0.5) / 2048).mean()
+        return _mean_power(self.aliased)
+
+
+@functools.cache
+@on_host
+def _mean_power(aliased: float) -> float:
+    frequencies = (torch.arange(1024, dtype=torch.float64) + 0.5) / 2048
+    return float(AxisSpectrum(aliased, 0.0).power(frequencies).mean())
 
 
 class AxisEquations(NamedTuple):
@@ -70,15 +79,15 @@ class AxisEquations(NamedTuple):
 
 def readings(turns: Tensor, n_views: int) -> Tensor:
     """What the views read of light at `d q` = turns [...]: cosines and sines of pairs, the central view; [..., I]."""
-    of_one_side = geometry.angular_offsets(n_views)[(n_views + 1) // 2 :]
+    of_one_side = geometry.angular_offsets(n_views, turns.device)[(n_views + 1) // 2 :]
     angles = 2 * torch.pi * turns[..., None] * of_one_side
     central = [torch.ones_like(turns)[..., None]] if n_views % 2 else []
     return torch.cat([2 * angles.cos(), 2 * angles.sin(), *central], -1)
 
 
-def counts(n_views: int) -> Tensor:
-    """Squared length of each reading: 2 for pairs, 1 for the central view, [I]."""
-    return torch.where(torch.arange(n_views) < n_views - n_views % 2, 2.0, 1.0).double()
+def counts(n_views: int, device: torch.device | None = None) -> Tensor:
+    """Squared length of each reading: 2 for pairs, 1 for the central view, float64, [I]."""
+    return 1.0 + (torch.arange(n_views, device=device) < n_views - n_views % 2).double()
 
 
 def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights: Tensor, period: int) -> AxisEquations:
@@ -86,8 +95,8 @@ def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights:
 
     `period` is twice the number of pixels that filters reach, even.
     """
-    n_views, k = weights.shape[0], torch.arange(period // 2 + 1, dtype=torch.float64) / period
-    q = k[:, None] + FOLDS
+    n_views, k = weights.shape[0], torch.arange(period // 2 + 1, dtype=torch.float64, device=slopes.device) / period
+    q = k[:, None] + torch.arange(-FOLDS, FOLDS + 1, device=slopes.device)
     power = spectrum.power(q)
     read = readings(disparities[:, None, None] * q, n_views)
     gram = (power[..., None] * read).transpose(2, 3) @ read
@@ -101,34 +110,29 @@ def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights:
     return AxisEquations(gram, photographs, sums, power.sum(1))
 
 
-def by_cholesky(matrices: Tensor, right: Tensor) -> Tensor:
-    """Solutions [..., N, I] for positive definite matrices [..., I, I] and right sides [..., N, I]."""
-    return torch.cholesky_solve(right.mT, torch.linalg.cholesky(matrices)).mT
-
-
 def filters(
     spectrum: AxisSpectrum,
     table: AxisEquations,
     slopes: Tensor,
     shares: Tensor,
     means: Tensor,
-    solve: Callable[[Tensor, Tensor], Tensor] = by_cholesky,
 ) -> Tensor:
     """The filters of priors: alphas, betas, and the central view's factor, float64, [B, N, K, I].
 
     `shares` [B, D] are the probabilities of the disparities of the table, `means` [B] the disparities of what is
-    unexplained, `solve` is as `by_cholesky`.
+    unexplained.
     """
     n_frequencies = table.power.shape[0]
-    k = torch.arange(n_frequencies, dtype=torch.float64) / (2 * (n_frequencies - 1))
+    k = torch.arange(n_frequencies, dtype=torch.float64, device=slopes.device) / (2 * (n_frequencies - 1))
     gram, right = _mixed(shares, table.gram), _mixed(shares, table.photographs)
     cells = torch.sinc((slopes - means[:, None])[:, None] * k[:, None])
     right = right + (spectrum.unexplained * table.power[:, None] * cells)[..., None] * table.sums
     # Noise of the other axis' views is averaged before or after: what one axis sees of it is that much less.
     n_views = gram.shape[-1]
     noise = spectrum.unexplained * table.power + spectrum.noise * spectrum.mean_power / n_views
-    matrices = gram + noise[:, None, None] * torch.diag(counts(n_views))
-    return _with_level(solve(matrices, right).transpose(1, 2), table.sums[0].sum(-1))
+    matrices = gram + noise[:, None, None] * torch.diag(counts(n_views, slopes.device))
+    solved = positive_definite.solved(matrices, right.mT).mT
+    return _with_level(solved.transpose(1, 2), table.sums[0].sum(-1))
 
 
 def _mixed(shares: Tensor, table: Tensor) -> Tensor:
@@ -139,7 +143,7 @@ def _mixed(shares: Tensor, table: Tensor) -> Tensor:
 def _with_level(solved: Tensor, levels: Tensor) -> Tensor:
     """Filters [B, N, K, I] whose sum over the views at k = 0 is the level [N], unless that is about 0."""
     # The least squares shrink the mean brightness by the noise.
-    sums = (solved[:, :, 0] * counts(solved.shape[-1])).sum(-1)
+    sums = (solved[:, :, 0] * counts(solved.shape[-1], solved.device)).sum(-1)
     # Sines are 0 there.
     scale = torch.where(levels.abs() > 1e-6, levels / torch.where(sums.abs() > 1e-9, sums, 1.0), 1.0)
     return torch.cat([solved[:, :, :1] * scale[..., None, None], solved[:, :, 1:]], 2)
@@ -156,17 +160,11 @@ def kernels(filters: Tensor, centres: Tensor, n_taps: int) -> Tensor:
     alphas = torch.cat([alpha.flip(-1), central, alpha], -1).transpose(-2, -1)
     betas = torch.cat([-beta.flip(-1), torch.zeros_like(central), beta], -1).transpose(-2, -1)
     # Turned by the centres, so that all views have the same table of taps.
-    waves = 2 * torch.pi * torch.arange(period, dtype=torch.float64) / period
-    k = torch.arange(n_frequencies)
-    cos, sin = (_at(values, centres.long()[..., None] * k) for values in (waves.cos(), waves.sin()))
+    k = torch.arange(n_frequencies, device=filters.device)
+    cos, sin = fourier.waves_of_period(centres.long()[..., None] * k, period)
     turned = torch.cat([alphas * cos + betas * sin, betas * cos - alphas * sin], -1)
-    taps = k[:, None] * (torch.arange(n_taps) - n_taps // 2)
+    taps = k[:, None] * (torch.arange(n_taps, device=filters.device) - n_taps // 2)
     # Each frequency between 0 and 1/2 stands for its negative too.
     share = torch.where((k == 0) | (k == n_frequencies - 1), 1.0, 2.0)[:, None] / period
-    return turned @ torch.cat([share * _at(waves.cos(), taps), share * _at(waves.sin(), taps)])
-
-
-def _at(values: Tensor, places: Tensor) -> Tensor:
-    """Values of one period, at places of any shape and any distance."""
-    inside = places.remainder(torch.full((), values.shape[0]))
-    return values.index_select(0, inside.reshape(-1)).reshape(places.shape)
+    cos, sin = fourier.waves_of_period(taps, period)
+    return turned @ torch.cat([share * cos, share * sin])

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
+from lfref.functional.devices import is_known, on_host, sent
 from lfref.geometry import Slopes
 from lfref.lightfield import check_axes
 
@@ -38,6 +39,7 @@ def is_plain(tensor: Tensor) -> bool:
     return torch.autograd.forward_ad.unpack_dual(tensor).tangent is None
 
 
+@on_host
 def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     """Weights of views, [V, U], scaled to a sum of 1, float64, CPU; None weighs all views alike."""
     if weights is None:
@@ -52,6 +54,7 @@ def checked_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     return values / values.sum()
 
 
+@on_host
 def symmetric_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     """As `checked_weights`; an InputError unless they are symmetric about both axes."""
     aperture = checked_weights(weights, grid)
@@ -64,31 +67,46 @@ def symmetric_weights(weights: Tensor | None, grid: tuple[int, int]) -> Tensor:
     return aperture
 
 
+@on_host
 def is_symmetric(weights: Tensor) -> bool:
     """Whether weights [V, U] are symmetric about both axes."""
     return all(torch.allclose(weights, weights.flip(axis)) for axis in (0, 1))
 
 
+@on_host
+def opposites_are_equal(weights: Tensor) -> bool:
+    """Whether opposite views weigh the same."""
+    return torch.allclose(weights, weights.flip(0, 1))
+
+
+@on_host
+def unread(weights: Tensor) -> list[tuple[int, int]]:
+    """Row and column of each view of weight 0."""
+    return [(v, u) for v, u in (weights == 0).nonzero().tolist()]
+
+
 def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
     """Views [B, V, U, C, H, W]; those of weight 0 in the aperture [V, U] become black where they may not be finite."""
-    unread = (aperture == 0).nonzero().tolist()
-    if not unread or not views.is_floating_point():
+    black_views = unread(aperture)
+    if not black_views or not views.is_floating_point():
         return views
-    sums = [views[:, v, u].sum(dtype=working_dtype(views.dtype)) for v, u in unread] if is_plain(views) else []
-    if sums and bool(torch.stack(sums).isfinite().all()):
+    if is_plain(views) and is_known(views) and all(bool(is_finite(views[:, v, u])) for v, u in black_views):
         return views
-    return views.masked_fill((aperture == 0).to(views.device)[:, :, None, None, None], 0)
+    black = sent(aperture == 0, views.device)
+    return views.masked_fill(black[:, :, None, None, None], 0)
 
 
-def is_finite(views: Tensor) -> bool:
-    """Whether no sample is NaN or infinite."""
+def is_finite(views: Tensor) -> Tensor:
+    """Whether no sample is NaN or infinite, a bool."""
+    if not views.is_floating_point():
+        return torch.ones((), dtype=torch.bool, device=views.device)
     # The extremes are NaN if any sample is; `isfinite` of all samples takes two more copies of them.
-    return all(bool(extreme.isfinite()) for extreme in views.detach().aminmax())
+    return torch.stack(views.detach().aminmax()).isfinite().all()
 
 
 def check_finite(views: Tensor, remedy: str = "mend the file") -> None:
     """Refuse views that hold NaN or infinity."""
-    if not is_finite(views):
+    if not bool(is_finite(views)):
         raise InputError("views must be finite", got="NaN or infinity", remedy=remedy)
 
 
@@ -159,6 +177,7 @@ class Lines(NamedTuple):
         return rows, columns
 
 
+@on_host
 def lines(grid: tuple[int, int], positions: Tensor | None = None) -> Lines:
     """The lines of cameras of a grid (V, U), at positions [V, U, 2] or, without any, evenly spaced."""
     if positions is None:
@@ -185,4 +204,6 @@ def checked_positions(positions: Tensor, grid: tuple[int, int]) -> Tensor:
 
 def checked_slopes(slopes: Slopes, grid: tuple[int, int], size: tuple[int, int], positions: Tensor | None) -> Tensor:
     """As `geometry.checked_slopes`, for cameras anywhere."""
+    if torch.compiler.is_exporting() and isinstance(slopes, Tensor):
+        return slopes
     return geometry.checked_slopes(slopes, lines(grid, positions).extent, size)

@@ -23,12 +23,14 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.functional import loops, neighbours
+from lfref.functional.devices import at_most, is_known, sent
 from lfref.functional.loops import LANES
 from lfref.refocus import axis_filters, batches
 from lfref.refocus.axis_filters import AxisSpectrum
 from lfref.refocus.disparity import cost_volume
-from lfref.refocus.fourier.disparity_layers import Energies
-from lfref.refocus.separable_wiener import products
+from lfref.refocus.fourier.energies import Energies
+from lfref.refocus.scene import Scene
+from lfref.refocus.separable_wiener import products, same_axes
 
 SPECTRUM = AxisSpectrum(aliased=1.0, unexplained=0.003)
 """By trial on both versions of sim30: blocks tell aliases apart, and more power beyond half a cycle does no harm."""
@@ -56,8 +58,9 @@ FLOOR = 0.05
 """Least power of a pixel, of the mean: what is smooth has hardly any disparity."""
 MOST_DISPARITIES = 1024
 """Largest number of disparities that the priors of a field have: beyond it their distance grows."""
-FILTERS_AT_ONCE, ITEMS_AT_ONCE = 3584, 32
-"""Blocks times views of an axis whose filters are solved for together, and items that PyTorch filters together."""
+FILTERS_AT_ONCE, ITEMS_AT_ONCE, ITEMS_OF_GPU = 3584, 32, 4096
+"""Blocks times views of an axis whose filters are solved for together, and items that PyTorch filters together, on the
+CPU and elsewhere."""
 
 
 class Priors(NamedTuple):
@@ -87,44 +90,57 @@ class Items(NamedTuple):
 
 
 def refocus_by_blocks(
-    field: Tensor, planes: Tensor, disparity: Tensor, prior: Energies, aperture: Tensor, noise: float = 0.0
+    scene: Scene, planes: Tensor, disparity: Tensor, prior: Energies, aperture: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """A light field [V, U, C, H, W] refocused at planes [N] near its disparities [H, W] by the filters of blocks.
+    """The light field of a scene refocused at planes [N] near its disparities [H, W] by the filters of blocks.
 
     `prior` holds the disparities of the whole field; the aperture [V, U], of sum 1, is symmetric about both axes.
     Returns the stack, [N, C, H, W], and how near each plane is to a block, 0 where the stack is black, [N, 1, H, W].
     """
-    spectrum = SPECTRUM._replace(noise=noise)
+    field, spectrum = scene.light, SPECTRUM._replace(noise=scene.noise)
     n_channels, (height, width) = field.shape[2], field.shape[-2:]
-    priors, terms = block_priors(disparity, _steepness(field), prior), products(aperture)
-    counts = -(-height // BLOCK), -(-width // BLOCK)
+    planes = sent(planes, field.device)
+    priors = block_priors(disparity, _steepness(scene.central), prior, scene.widest)
+    terms = products(aperture)
+    counts = (height + BLOCK - 1) // BLOCK, (width + BLOCK - 1) // BLOCK
     low, high = priors.ends
     distance = torch.maximum(low - planes[:, None], planes[:, None] - high)
     # Pixels of the outermost view that filters of a block would have to read, beyond the tails of one surface.
     outermost = (max(field.shape[:2]) - 1) / 2
     reach = outermost * (high.maximum(planes[:, None]) - low.minimum(planes[:, None]))
     nearness = ((NEAR - distance) / FADE).minimum((REACH[1] - reach) / (REACH[1] - REACH[0])).clamp(0, 1)
-    pictures = field.new_zeros(len(planes), len(low), n_channels, BLOCK, BLOCK)
     lengths = (field.shape[0], field.shape[1])
     # Square grids and symmetric apertures have the same filters along both axes.
-    is_same = lengths[0] == lengths[1] and all(torch.allclose(term.rows, term.columns) for term in terms)
+    is_same = all(same_axes(term) for term in terms)
     axes = [(lengths[1], [term.columns for term in terms])]
     if not is_same:
         axes = [(lengths[0], [term.rows for term in terms]), *axes]
     tables = [
-        [axis_filters.tables(spectrum, priors.disparities, planes, weights, PERIOD) for weights in of_axis]
+        [
+            axis_filters.tables(spectrum, priors.disparities, planes, sent(weights, field.device), PERIOD)
+            for weights in of_axis
+        ]
         for _, of_axis in axes
     ]
-    n_at_once = max(1, FILTERS_AT_ONCE // max(lengths))
-    for blocks in (nearness > 0).any(0).nonzero()[:, 0].split(n_at_once):
+    # Where the host does not know which planes are near a block, all are filtered.
+    is_known_near = is_known(nearness)
+    n_blocks = nearness.shape[1]
+    every = torch.arange(n_blocks, device=field.device)
+    some = (nearness > 0).any(0).nonzero()[:, 0] if is_known_near else every
+    pictures = field.new_zeros(len(planes), n_blocks, n_channels, BLOCK, BLOCK)
+    for blocks in some.split(max(1, FILTERS_AT_ONCE // max(lengths)) if is_known_near else n_blocks):
         # Block by block: its views stay in the processor's caches.
-        b, n = (nearness[:, blocks] > 0).T.nonzero(as_tuple=True)
+        if is_known_near:
+            b, n = (nearness[:, blocks] > 0).T.nonzero(as_tuple=True)
+        else:
+            item = torch.arange(n_blocks * len(planes), device=field.device)
+            b, n = item // len(planes), item % len(planes)
         # Taps lie around the middle of all that is read: pixels in focus, and those at the disparities of the block.
         lowest, highest = low[blocks].minimum(planes[:, None]), high[blocks].maximum(planes[:, None])
         shifts = ((lowest + highest) / 2)[n, b, None]
         shares, centres, taps = priors.shares[blocks], [], []
         for (n_views, _), of_axis in zip(axes, tables, strict=True):
-            centres.append((shifts * geometry.angular_offsets(n_views)).round().long())
+            centres.append((shifts * geometry.angular_offsets(n_views, shifts.device)).round().long())
             filters = [
                 axis_filters.filters(spectrum, table, planes, shares, shares @ priors.disparities) for table in of_axis
             ]
@@ -134,7 +150,7 @@ def refocus_by_blocks(
         index = blocks[b]
         corners = BLOCK * torch.stack([index // counts[1], index % counts[1]], 1)
         items = Items(corners, *centres, *(of_axis.to(field.dtype) for of_axis in taps))
-        pictures[n.to(field.device), index.to(field.device)] = filtered(field, items)
+        pictures[n, index] = filtered(field, items)
     grid = pictures.unflatten(1, counts).permute(0, 3, 1, 4, 2, 5)
     stack = grid.reshape(len(pictures), n_channels, BLOCK * counts[0], BLOCK * counts[1])[..., :height, :width]
     spread = nearness.to(field).unflatten(1, counts)[:, None]
@@ -146,56 +162,58 @@ def _taps(filters: Tensor, centres: Tensor) -> Tensor:
     """Taps [M, I, SPAN] of filters [M, K, I] around centres [M, I]."""
     taps = axis_filters.kernels(filters, centres, SPAN)
     # What lies beyond the taps is missing: the mean brightness stays.
-    levels = (filters[:, 0] * axis_filters.counts(filters.shape[-1])).sum(-1)
+    levels = (filters[:, 0] * axis_filters.counts(filters.shape[-1], filters.device)).sum(-1)
     sums = taps.sum((1, 2))
     is_safe = (levels.abs() > 1e-6) & (sums.abs() > 0.5 * levels.abs())
     return taps * torch.where(is_safe, levels / torch.where(is_safe, sums, 1.0), 1.0)[:, None, None]
 
 
-def block_priors(disparity: Tensor, power: Tensor, prior: Energies) -> Priors:
+def block_priors(disparity: Tensor, power: Tensor, prior: Energies, widest: float) -> Priors:
     """Priors of the blocks of a disparity map [H, W], row by row: disparities in and around each, and the whole field's
-    prior, for light that the map does not show."""
-    disparity = disparity.detach().double().cpu()
+    prior, for light that the map does not show. All disparities are at most `widest` apart."""
+    disparity = disparity.detach().double()
     below, right = (-length % BLOCK + AROUND for length in disparity.shape)
     padded, padded_power = (
         F.pad(image[None, None], (AROUND, right, AROUND, below), mode="replicate")
-        for image in (disparity, power.detach().double().cpu())
+        for image in (disparity, power.detach().double())
     )
     window = BLOCK + 2 * AROUND
     around = F.unfold(padded, window, stride=BLOCK)[0].T  # [B, pixels]
     low, high = around.amin(1), around.amax(1)
-    first = min(float(low.min()), float(prior.disparities.min()))
-    last = max(float(high.max()), float(prior.disparities.max()))
-    step = max(STEP, (last - first) / MOST_DISPARITIES)
-    n_disparities = math.ceil((last - first) / step) + 4
-    disparities = first + step * (torch.arange(n_disparities, dtype=torch.float64) - 1)
+    first = torch.minimum(low.amin(0), prior.disparities[0])
+    last = torch.maximum(high.amax(0), torch.where(prior.shares > 0, prior.disparities, first).amax(0))
+    step = ((last - first) / MOST_DISPARITIES).clamp(min=STEP)
+    most = min(math.ceil(widest / STEP), MOST_DISPARITIES) + 4
+    n_disparities = at_most(((last - first) / step).ceil() + 4, most)
+    disparities = first + step * (torch.arange(n_disparities, dtype=torch.float64, device=disparity.device) - 1)
     weights = F.unfold(padded_power, window, stride=BLOCK)[0].T
     counted = _counted(around, weights, disparities)
     # Maps are not exact: a disparity is likely beside those that were found, too.
-    counted = F.conv1d(counted[:, None], torch.tensor([[[0.25, 0.5, 0.25]]], dtype=torch.float64), padding=1)[:, 0]
+    beside = F.pad(counted, (1, 1))
+    counted = counted / 2 + (beside[:, :-2] + beside[:, 2:]) / 4
     is_within = (disparities > low[:, None] - 1.5 * step) & (disparities < high[:, None] + 1.5 * step)
     parts = (
         (1 - BROAD - ELSEWHERE, counted),
         (BROAD, is_within.double()),
         (ELSEWHERE, _counted(prior.disparities[None], prior.shares[None], disparities)),
     )
-    shares = sum((share * part / part.sum(1, keepdim=True) for share, part in parts), torch.zeros(()))
+    shares = torch.stack([share * (part / part.sum(1, keepdim=True)).expand_as(counted) for share, part in parts]).sum(
+        0
+    )
     return Priors(disparities, shares, torch.stack([low, high]))
 
 
-def _steepness(field: Tensor) -> Tensor:
-    """Power of the detail of each pixel of the middle view, with a floor, [H, W]."""
-    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in field.shape[:2])
-    middle = field[rows, columns].detach().mean((0, 1))
-    power = neighbours.box_mean(cost_volume.steepness(middle.mean(0))[None, None], 3)[0, 0]
+def _steepness(central: Tensor) -> Tensor:
+    """Power of the detail of each pixel of the middle view [H, W], with a floor, [H, W]."""
+    power = neighbours.box_mean(cost_volume.steepness(central)[None, None], 3)[0, 0]
     return power + FLOOR * power.mean() + torch.finfo(power.dtype).tiny
 
 
 def _counted(values: Tensor, weights: Tensor, disparities: Tensor) -> Tensor:
     """Weights [B, P] of values [B, P], each shared by its two neighbours among even disparities [D], [B, D]."""
     places = (values - disparities[0]) / (disparities[1] - disparities[0])
-    under = places.floor().long()
-    counted = torch.zeros(len(values), len(disparities), dtype=torch.float64)
+    under = places.floor().long().clamp(0, len(disparities) - 2)
+    counted = values.new_zeros(len(values), len(disparities))
     counted.scatter_add_(1, under, weights * (1 - places + under))
     return counted.scatter_add_(1, under + 1, weights * (places - under))
 
@@ -220,21 +238,31 @@ def filtered(field: Tensor, items: Items) -> Tensor:
 
 
 def _by_torch(field: Tensor, items: Items) -> Tensor:
-    """As `filtered`, with derivatives, and on a GPU."""
+    """As `filtered`, with derivatives, and on a GPU: products with Toeplitz matrices of the taps."""
     device, (height, width) = field.device, field.shape[-2:]
-    span = torch.arange(BLOCK + SPAN - 1, device=device) - SPAN // 2
+    length = BLOCK + SPAN - 1
+    span, pixel = torch.arange(length, device=device) - SPAN // 2, torch.arange(BLOCK, device=device)
+    tap = torch.arange(SPAN, device=device)
+    toeplitz = (pixel + tap[:, None, None] == span[:, None] + SPAN // 2).to(field)  # [SPAN, length, BLOCK]
     v, u = (torch.arange(n_views, device=device) for n_views in field.shape[:2])
     parts = [field.new_zeros(0, field.shape[2], BLOCK, BLOCK)]
-    for some in torch.arange(len(items.corners)).split(ITEMS_AT_ONCE):
-        corners, row_centres, column_centres = (part[some].to(device) for part in items[:3])
-        rows, columns = (part[:, some].to(field) for part in items[3:])
-        y = (corners[:, :1] + row_centres)[..., None] + span
-        x = (corners[:, 1:] + column_centres)[..., None] + span
-        y, x = y.clamp(0, height - 1), x.clamp(0, width - 1)
+    n_at_once = ITEMS_AT_ONCE if is_known(field) else ITEMS_OF_GPU
+    for corners, row_centres, column_centres, rows, columns in zip(
+        *(part.split(n_at_once) for part in items[:3]), *(part.split(n_at_once, 1) for part in items[3:]), strict=True
+    ):
+        y = ((corners[:, :1] + row_centres)[..., None] + span).clamp(0, height - 1)
+        x = ((corners[:, 1:] + column_centres)[..., None] + span).clamp(0, width - 1)
         places = y[:, :, None, :, None], x[:, None, :, None, :]
         windows = field[v[:, None, None, None], u[:, None, None], :, *places]  # [M, V, U, rows, columns, C]
-        along_x = torch.einsum("kmut,mvuyxct->kmvyxc", columns, windows.unfold(4, SPAN, 1))
-        parts.append(torch.einsum("kmvt,kmvyxct->mcyx", rows, along_x.unfold(3, SPAN, 1)))
+        windows = windows.permute(0, 1, 5, 3, 2, 4).flatten(4)  # [M, V, C, rows, U columns]
+        total = field.new_zeros(())
+        for down, across in zip(rows, columns, strict=True):  # the products of which an aperture is the sum
+            matrix = (across @ toeplitz.flatten(1)).unflatten(2, (length, BLOCK)).flatten(1, 2)  # [M, U columns, BLOCK]
+            of_rows = (windows.flatten(1, 3) @ matrix).unflatten(1, windows.shape[1:4])  # [M, V, C, rows, BLOCK]
+            lines = (down @ toeplitz.flatten(1)).unflatten(2, (length, BLOCK)).permute(0, 3, 1, 2).flatten(2)
+            stacked = of_rows.permute(0, 1, 3, 2, 4).flatten(3).flatten(1, 2)  # [M, V rows, C BLOCK]
+            total = total + (lines @ stacked).unflatten(2, (-1, BLOCK)).transpose(1, 2)
+        parts.append(total)
     return torch.cat(parts)
 
 

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lfref.errors import InputError
-from lfref.functional import loops
+from lfref.functional import loops, positive_definite
+from lfref.functional.devices import sent
 from lfref.functional.loops import compiled, inlined
 from lfref.refocus import batches
 from lfref.refocus.sampling import BORDERS, TAPS, Border, Integers, Reals, add_taps, rounded_up, set_taps
@@ -46,28 +47,34 @@ NARROW = 2.0
 only cost."""
 
 
-@functools.lru_cache(maxsize=1024)
-def taps(width: float) -> tuple[float, ...]:
-    """Weights of the `2 radius(width) + 1` samples around a pixel, of sum 1, for a box `width` >= 0 samples wide."""
-    n = torch.arange(radius(width) + 1, dtype=torch.float64)
-    if len(n) == 1:
-        return (1.0,)
-    times = torch.where(n == 0, 1.0, 2.0)  # how often a weight stands in the symmetric filter
-    n_inner, ends = max(0, len(n) - ENDS), slice(max(0, len(n) - ENDS), None)
+def taps(widths: Tensor, reach: int) -> Tensor:
+    """Weights of the `2 reach + 1` samples around a pixel, of sum 1, for boxes of widths >= 0 in samples, [N, K].
+
+    Widths [N] are float64, on any device, and no box reads more than `reach` samples to each side (`radius`).
+    """
+    n = torch.arange(reach + 1, dtype=torch.float64, device=widths.device)
+    times = 2 - (n == 0).double()  # how often a weight stands in the symmetric filter
+    width, radius = widths.clamp(min=1e-3)[:, None], ((widths / 2).ceil() + 1)[:, None]
+    is_inner = n <= radius - ENDS
+    # The places of the end taps; narrow boxes have fewer.
+    ends = radius - ENDS + 1 + torch.arange(ENDS, dtype=torch.float64, device=widths.device)  # [N, ENDS]
+    is_end = ends >= 0
+    times_of_ends = (2 - (ends == 0).double()) * is_end
     # Least squares for the end taps under one condition, the sum 1, by its Lagrange multiplier.
-    k = (torch.arange(200, dtype=torch.float64) + 0.5) / 400  # so fine that more frequencies change nothing
-    waves = times * torch.cos(2 * torch.pi * k[:, None] * n)
-    free, fixed = waves[:, ends], waves[:, :n_inner].sum(1) / width
+    k = (torch.arange(200, dtype=torch.float64, device=widths.device) + 0.5) / 400  # more would change nothing
+    free = times_of_ends[:, None] * torch.cos(2 * torch.pi * k[:, None] * ends[:, None])  # [N, k, ENDS]
+    fixed = (times * is_inner / width) @ torch.cos(2 * torch.pi * n[:, None] * k)
     # Above the band little weight keeps the response from growing.
-    power = (torch.where(k < BAND, 1.0, 0.01) / k.square())[:, None]
-    system = torch.zeros(free.shape[1] + 1, free.shape[1] + 1, dtype=torch.float64)
-    system[:-1, :-1] = free.T @ (power * free)
-    system[-1, :-1] = system[:-1, -1] = times[ends]
-    goal = (free.T @ (power * (torch.sinc(width * k) - fixed)[:, None]))[:, 0]
-    rest = 1 - float(times[:n_inner].sum()) / width
-    fitted = torch.linalg.solve(system, torch.cat([goal, goal.new_tensor([rest])]))[:-1]
-    half = [1 / width] * n_inner + fitted.tolist()
-    return (*half[:0:-1], *half)
+    weighted = free * (torch.where(k < BAND, 1.0, 0.01) / k.square())[:, None]
+    goal = (weighted.mT @ (torch.sinc(width * k) - fixed)[..., None])[..., 0]
+    system = weighted.mT @ free + torch.diag_embed(1.0 - is_end.double())
+    fitted, excess = positive_definite.solved(system, torch.stack([goal, times_of_ends], -1)).unbind(-1)
+    rest = 1 - (times * is_inner / width).sum(1)
+    multiplier = ((times_of_ends * fitted).sum(1) - rest) / (times_of_ends * excess).sum(1)
+    fitted = (fitted - multiplier[:, None] * excess) * is_end
+    half = is_inner / width + (fitted[:, None] @ (ends[..., None] == n).double())[:, 0]
+    half = torch.where(widths[:, None] > 0, half, (n == 0).double())
+    return torch.cat([half[:, 1:].flip(1), half], 1)
 
 
 def radius(width: float) -> int:
@@ -122,7 +129,7 @@ class Footprint(NamedTuple):
     def responses(self, slopes: Tensor, frequencies: Tensor) -> Tensor:
         """Real factors of the frequencies along one axis, [N, 1, K]; 1 where the blur varies and comes afterwards."""
         widths = torch.zeros_like(slopes) if self.varies else self.widths(slopes)
-        return torch.sinc(widths[:, None, None] * frequencies)
+        return torch.sinc(sent(widths, frequencies.device)[:, None, None] * frequencies)
 
 
 def checked(fill_factor: float, disparity: float | Tensor, views: Tensor) -> Footprint:
@@ -163,23 +170,25 @@ def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | No
     return torch.stack(planes, dim=1)
 
 
-def boxed(images: Tensor, width: float, border: Border, axes: Sequence[int] = (-1, -2)) -> Tensor:
-    """Images [..., H, W] blurred by a box of `width` >= 0 pixels along axes, by plain PyTorch operations."""
-    weights = taps(width)
-    if len(weights) == 1:
-        return images
+def boxed(planes: Tensor, taps: Tensor, border: Border) -> Tensor:
+    """Planes [..., N, C, H, W] blurred along both axes, each by its own taps [N, K]."""
+    down, across = (_bands(taps.to(planes), border, length)[:, None] for length in planes.shape[-2:])
+    return down @ (planes @ across.mT)
+
+
+def boxed_lines(lines: Tensor, taps: Tensor, border: Border) -> Tensor:
+    """Lines [N, ..., L] blurred along themselves, each by the taps [N, K] of its plane."""
+    bands = _bands(taps.to(lines), border, lines.shape[-1])
+    return lines @ bands.reshape(taps.shape[0], *[1] * (lines.ndim - 3), *bands.shape[1:]).mT
+
+
+def _bands(taps: Tensor, border: Border, length: int) -> Tensor:
+    """Matrices [N, L, L] that blur an axis of some length by taps [N, K]."""
     rule = BORDERS["zero"] if border.counts_only_samples else border
-    for axis in axes:
-        length = images.shape[axis]
-        # By index, not `Border.extend`: a box may be wider than the image.
-        index = rule.indices(len(weights) // 2, length).to(images.device)
-        extended = images.index_select(axis, index.clamp(min=0))
-        if bool((index < 0).any()):
-            extended = extended.masked_fill((index < 0)[(...,) + (None,) * (-1 - axis)], 0)
-        images = extended.narrow(axis, 0, length) * weights[0]
-        for k, weight in enumerate(weights[1:], start=1):
-            images = images.add(extended.narrow(axis, k, length), alpha=weight)
-    return images
+    pixel, tap = (torch.arange(n, device=taps.device) for n in (length, taps.shape[1]))
+    index, exists = rule.tap(pixel[:, None] + tap - taps.shape[1] // 2, torch.ones_like(taps[:1]), length)
+    weights = (taps[:, None] * exists).expand(-1, length, -1)
+    return taps.new_zeros(taps.shape[0], length, length).scatter_add(2, index.expand_as(weights), weights)
 
 
 def blended(planes: Tensor, places: Tensor, border: Border) -> Tensor:
@@ -187,7 +196,9 @@ def blended(planes: Tensor, places: Tensor, border: Border) -> Tensor:
     total = torch.zeros_like(planes)
     for level in spanned(places):
         share = (1 - (places - level).abs()).clamp(min=0)[:, None]
-        total = total + share.to(planes) * boxed(planes, width(level), border)
+        own = torch.tensor([width(level)], dtype=torch.float64)
+        blurred = boxed(planes[:, None], taps(own, radius(width(level))), border)[:, 0]
+        total = total + share.to(planes) * blurred
     return total
 
 
@@ -286,12 +297,12 @@ def blurred_numba(stack: Tensor, places: Tensor, border: Border, covered: Tensor
 
 @functools.lru_cache(maxsize=256)
 def _box(width: float, border: Border, size: tuple[int, int], working: np.dtype) -> Box:
-    weights = taps(width)
-    radius, rule = len(weights) // 2, BORDERS["zero"] if border.counts_only_samples else border
+    reach, rule = radius(width), BORDERS["zero"] if border.counts_only_samples else border
+    weights = taps(torch.tensor([width], dtype=torch.float64), reach)[0].numpy()
     filled = np.zeros((-(-len(weights) // TAPS), TAPS), working)
     filled.flat[: len(weights)] = weights
-    rows, columns = (rule.indices(radius, length).numpy() for length in size)
-    return Box(radius, filled, rows[:radius], rows[radius + size[0] :], columns)
+    rows, columns = (rule.indices(reach, length).numpy() for length in size)
+    return Box(reach, filled, rows[:reach], rows[reach + size[0] :], columns)
 
 
 def _workspace(image: NDArray, box: Box) -> Workspace:

@@ -23,7 +23,6 @@ Durand, "Understanding Camera Trade-Offs through a Bayesian Analysis of Light Fi
 slopes); Field, 1987 (power spectra of natural pictures).
 """
 
-import functools
 import math
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -33,10 +32,10 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.functional import fft_lengths
+from lfref.functional import fourier, positive_definite
+from lfref.functional.devices import at_most, sent
 from lfref.refocus import batches
 from lfref.refocus.axis_filters import DECAY, FOLDS, OUTER
-from lfref.refocus.fourier import exact
 
 TAIL = 12
 """Pixels that filters reach beyond the shifts of the views."""
@@ -53,17 +52,17 @@ BROAD = 0.05
 
 
 class Prior(NamedTuple):
-    """What is known of a scene before its views are read; hashable, so that filters can be kept."""
+    """What is known of a scene before its views are read."""
 
-    disparities: tuple[float, ...]
-    """In pixels per view step, [K]."""
-    shares: tuple[float, ...]
-    """Probability of each, together 1, [K]."""
+    disparities: Tensor
+    """In pixels per view step, float64, [K]."""
+    shares: Tensor
+    """Probability of each, together 1, float64, [K]."""
     aliased: float = 0.1
     """Power beyond half a cycle per pixel, as a share of what an ideal edge has there."""
     unexplained: float = 0.01
     """Power that views do not share, as a share of all power at a frequency."""
-    noise: float = 0.0
+    noise: Tensor | float = 0.0
     """Variance of the views' white noise, as a share of the picture's variance."""
 
     def power(self, rows: Tensor, columns: Tensor) -> Tensor:
@@ -73,27 +72,32 @@ class Prior(NamedTuple):
         return fading * (torch.sinc(rows) * torch.sinc(columns)).square() * torch.where(inside, 1.0, self.aliased)
 
     @property
-    def mean_power(self) -> float:
+    def mean_power(self) -> Tensor:
         """Mean of S up to half a cycle per pixel: the power of white noise of the picture's variance."""
-        steps = (torch.arange(256, dtype=torch.float64) + 0.5) / 512  # S peaks within some hundredths of a cycle
-        return float(self.power(steps[:, None], steps).mean())
+        # S peaks within some hundredths of a cycle.
+        steps = (torch.arange(256, dtype=torch.float64, device=self.disparities.device) + 0.5) / 512
+        return self.power(steps[:, None], steps).mean()
 
 
-def prior_of_map(disparity: Tensor) -> Prior:
-    """The prior of a disparity map: its histogram, rare values raised, and a broad part for errors of the map."""
-    values = disparity.detach().double().cpu().flatten()
-    first = math.floor((float(values.min()) - MARGIN) / STEP)
-    last = math.ceil((float(values.max()) + MARGIN) / STEP)
+def prior_of_map(disparity: Tensor, widest: float = math.inf, noise: Tensor | float = 0.0) -> Prior:
+    """The prior of a disparity map: its histogram, rare values raised, and a broad part for errors of the map.
+
+    `widest` is the largest distance of two disparities, which the host has to know where maps are on a GPU.
+    """
+    values = disparity.detach().double().flatten()
+    first, last = ((values.amin(0) - MARGIN) / STEP).floor(), ((values.amax(0) + MARGIN) / STEP).ceil()
+    n_bins = last - first + 2
+    bins = torch.arange(at_most(n_bins, math.ceil((min(widest, 1e3) + 2 * MARGIN) / STEP) + 3), device=values.device)
     # Each value counts for its two neighbouring bins, by its distance, so that the mean disparity is kept.
-    histogram = torch.zeros(last - first + 2, dtype=torch.float64)
     position = values / STEP - first
-    below = position.floor().long()
-    histogram.index_add_(0, below, 1 - position + below)
-    histogram.index_add_(0, below + 1, position - below)
+    below = position.floor()
+    histogram = torch.zeros(len(bins), dtype=torch.float64, device=values.device)
+    histogram.index_add_(0, below.long(), 1 - position + below)
+    histogram.index_add_(0, below.long() + 1, position - below)
     # Rare disparities are edges more often than not, where the estimate has to be good: the root raises them.
     raised = histogram.sqrt()
-    shares = (1 - BROAD) * raised / raised.sum() + BROAD / len(raised)
-    return Prior(tuple((STEP * (first + i)) for i in range(len(shares))), tuple(shares.tolist()))
+    shares = (1 - BROAD) * raised / raised.sum() + torch.where(bins < n_bins, BROAD / n_bins, 0.0)
+    return Prior(STEP * (first + bins), shares, noise=noise)
 
 
 def opposites(n_views: int) -> tuple[int, int]:
@@ -105,12 +109,7 @@ def opposites(n_views: int) -> tuple[int, int]:
 
 
 def filters(
-    prior: Prior,
-    slopes: tuple[float, ...],
-    grid: tuple[int, int],
-    aperture: tuple[tuple[float, ...], ...],
-    reach: int,
-    side: int,
+    prior: Prior, slopes: Tensor, grid: tuple[int, int], aperture: Tensor, reach: int, side: int
 ) -> Iterator[Tensor]:
     """Factors of the sums of opposite views, of the central view, and of the differences, which are times i.
 
@@ -119,7 +118,7 @@ def filters(
     """
     # A filter that reaches no farther is known by the frequencies of a square of twice its reach: only these are
     # solved for; larger squares get them by padding in pixels.
-    coarse = min(side, fft_lengths.next_fast_even(2 * reach))
+    coarse = min(side, fourier.next_fast_even(2 * reach))
     n_sums, n_pairs = opposites(grid[0] * grid[1])
     for factors in _coarse_filters(prior, slopes, grid, aperture, coarse):
         sums, differences = factors.split([n_sums, n_pairs])
@@ -127,22 +126,14 @@ def filters(
         yield torch.cat([plane.real, plane.imag[:n_pairs]])
 
 
-@functools.lru_cache(maxsize=8)
-def _coarse_filters(
-    prior: Prior,
-    slopes: tuple[float, ...],
-    grid: tuple[int, int],
-    aperture: tuple[tuple[float, ...], ...],
-    side: int,
-) -> Tensor:
+def _coarse_filters(prior: Prior, slopes: Tensor, grid: tuple[int, int], aperture: Tensor, side: int) -> Tensor:
     """`filters` of all planes for the smallest square, [N, V U, side, side // 2 + 1]."""
     n_views = grid[0] * grid[1]
-    half = exact.half_frequencies(side)
-    planes, weights = torch.tensor(slopes, dtype=torch.float64), torch.tensor(aperture, dtype=torch.float64)
+    half = fourier.half_frequencies(side, slopes.device)
     columns = axis(half, grid[1])
-    factors = torch.stack([_factors_of_row(prior, planes, weights, axis(row[None], grid[0]), columns) for row in half])
+    factors = torch.stack([_factors_of_row(prior, slopes, aperture, axis(row[None], grid[0]), columns) for row in half])
     # The mean brightness passes unchanged: the least squares would shrink it by the noise.
-    counts = _counts(n_views)
+    counts = _counts(n_views, slopes.device)
     factors[0, 0] /= (factors[0, 0, :, : len(counts)] * counts).sum(-1, keepdim=True)
     # Half a cycle per pixel is both signs of its frequency; negative frequencies mirror the positive ones.
     last = (factors[-1:] + _mirrored(factors[-1:], grid)) / 2
@@ -164,10 +155,10 @@ def _finer(spectra: Tensor, side: int) -> Tensor:
     return torch.fft.rfft2(padded.roll((-(coarse // 2), -(coarse // 2)), (-2, -1)))
 
 
-def _counts(n_views: int) -> Tensor:
+def _counts(n_views: int, device: torch.device) -> Tensor:
     """Number of views in each sum of opposite views: 2, of the central view 1."""
     n_sums, n_pairs = opposites(n_views)
-    return torch.where(torch.arange(n_sums) < n_pairs, 2.0, 1.0).double()
+    return 1.0 + (torch.arange(n_sums, device=device) < n_pairs).double()
 
 
 def _mirrored(factors: Tensor, grid: tuple[int, int]) -> Tensor:
@@ -176,7 +167,7 @@ def _mirrored(factors: Tensor, grid: tuple[int, int]) -> Tensor:
     The mirror image (V - 1 - v, u) of a stored view is the opposite of (v, U - 1 - u), which is stored.
     """
     n_sums, n_pairs = opposites(grid[0] * grid[1])
-    first = torch.arange(n_sums)
+    first = torch.arange(n_sums, device=factors.device)
     v, u = first // grid[1], first % grid[1]
     is_middle = 2 * v == grid[0] - 1
     mirror = torch.where(is_middle, first, v * grid[1] + grid[1] - 1 - u)
@@ -212,13 +203,14 @@ class Axis(NamedTuple):
 
 def axis(frequencies: Tensor, n_views: int) -> Axis:
     """An axis of `n_views` views at these frequencies, in cycles per pixel, [K]."""
-    lags = torch.arange(1 - n_views, n_views, dtype=torch.float64)
-    return Axis(frequencies[:, None] + FOLDS, geometry.angular_offsets(n_views), lags)
+    device = frequencies.device
+    lags, folds = (torch.arange(-n, n + 1, dtype=torch.float64, device=device) for n in (n_views - 1, FOLDS))
+    return Axis(frequencies[:, None] + folds, geometry.angular_offsets(n_views, device), lags)
 
 
 def _factors_of_row(prior: Prior, slopes: Tensor, aperture: Tensor, row: Axis, columns: Axis) -> Tensor:
     """Factors at one vertical frequency, [K, N, V U]: C and b of the least squares, then their solution."""
-    disparities, shares = torch.tensor([prior.disparities, prior.shares], dtype=torch.float64)
+    disparities, shares = prior.disparities, prior.shares
     power = prior.power(row.frequencies[0][:, None], columns.frequencies[:, None])  # k, y, x
     # C, by the distance of views, [K, 2 V - 1, 2 U - 1].
     down, across = row.waves(disparities, row.lags, -1)[:, 0], columns.waves(disparities, columns.lags, -1)
@@ -239,15 +231,16 @@ def _photographs(
     blurs, shape = slopes[:, None] - disparities, (len(slopes), *down.shape[:2], len(power))
     # Single precision: b enters linearly, so errors of 1e-6 stay as small.
     folds = (power[:, :, :, None] * shares[:, None, None, None, None] * across[:, :, None]).to(torch.complex64)
-    view_rows, total = down.flatten(0, 1).mT.to(torch.complex64), torch.zeros((), dtype=torch.complex64)
+    view_rows, total = down.flatten(0, 1).mT.to(torch.complex64), power.new_zeros((), dtype=torch.complex64)
     # The aperture as few products of a row and a column, so that A is too.
     left, values, right = torch.linalg.svd(aperture)
     for v, value, u in zip(left.T, values, right, strict=False):
         if float(value) < 1e-9 * float(values[0]):
             break
-        lens, down_lens = (columns.lens(blurs, u) * value).float(), row.lens(blurs, v)[:, :, 0].float()
+        of_rows, of_columns = (sent(part, power.device) for part in (v, value * u))
+        lens, down_lens = columns.lens(blurs, of_columns).float(), row.lens(blurs, of_rows)[:, :, 0].float()
         # n d y k u, summed over the folds x
-        folded = sum(folds[None, ..., x, :].movedim(3, 2) * lens[:, :, None, :, x, None] for x in range(len(FOLDS)))
+        folded = sum(folds[None, ..., x, :].movedim(3, 2) * lens[:, :, None, :, x, None] for x in range(2 * FOLDS + 1))
         folded = (folded * down_lens[:, :, :, None, None]).reshape(shape[0], shape[1] * shape[2], -1)
         total = total + view_rows @ folded
     return total.unflatten(2, (len(power), -1)).permute(2, 0, 1, 3).flatten(2)[..., : (aperture.numel() + 1) // 2]
@@ -260,19 +253,18 @@ def _solved(covariance: Tensor, photographs: Tensor, noise: Tensor, grid: tuple[
     sum_a (alpha + i beta) C(a - b) + (alpha - i beta) C(-a - b) = b_b. The central view is its own opposite: as a pair
     it is counted twice, which halves its row and its column.
     """
-    first = torch.arange(opposites(grid[0] * grid[1])[0])
+    first = torch.arange(opposites(grid[0] * grid[1])[0], device=covariance.device)
     v, u = first // grid[1], first % grid[1]
     minus = covariance[:, v[:, None] - v + grid[0] - 1, u[:, None] - u + grid[1] - 1]
     plus = covariance[:, v[:, None] + v, u[:, None] + u]
     crossed = -minus.imag - plus.imag
     upper, lower = torch.cat([minus.real + plus.real, crossed.mT], -1), torch.cat([crossed, minus.real - plus.real], -1)
-    matrix, count = torch.cat([upper, lower], -2), _counts(grid[0] * grid[1]) / 2
+    matrix, count = torch.cat([upper, lower], -2), _counts(grid[0] * grid[1], covariance.device) / 2
     scale = torch.cat([count, torch.ones_like(count)])
     matrix = matrix * scale[:, None] * scale + torch.diag_embed(noise[:, None] * scale)
     right = torch.cat([photographs.real, photographs.imag], -1) * scale
     kept = grid[0] * grid[1]  # a central view has no difference
-    factor = torch.linalg.cholesky(matrix[:, :kept, :kept])
-    return torch.cholesky_solve(right[..., :kept].mT, factor).mT
+    return positive_definite.solved(matrix[:, :kept, :kept], right[..., :kept].mT).mT
 
 
 def refocus_jointly(field: Tensor, planes: Tensor, prior: Prior, aperture: Tensor) -> Tensor:
@@ -282,9 +274,10 @@ def refocus_jointly(field: Tensor, planes: Tensor, prior: Prior, aperture: Tenso
     """
     grid, size = batches.grid_and_size(field)
     # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
-    margin = fft_lengths.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
+    margin = fourier.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
     side = _side(margin, size)
-    factors = filters(prior, tuple(planes.tolist()), grid, tuple(map(tuple, aperture.tolist())), margin, side)
+    slopes = sent(planes, field.device)
+    factors = filters(prior, slopes, grid, aperture, margin, side)
     table = field.new_empty(len(planes), grid[0] * grid[1], side, side // 2 + 1)
     for place, plane in zip(table, factors, strict=True):
         place.copy_(plane)
@@ -293,7 +286,7 @@ def refocus_jointly(field: Tensor, planes: Tensor, prior: Prior, aperture: Tenso
 
 def _side(margin: int, size: tuple[int, int]) -> int:
     """Side of the squares that take the least work: filters for one of them (about 3 FFTs), and FFTs for all."""
-    sides = (96, 128, 160, 192, 256, 320, 384, 512, fft_lengths.next_fast_even(max(size) + 2 * margin))
+    sides = (96, 128, 160, 192, 256, 320, 384, 512, fourier.next_fast_even(max(size) + 2 * margin))
 
     def work(side: int) -> float:
         n_squares = math.prod(math.ceil(length / (side - 2 * margin)) for length in size)
@@ -335,7 +328,7 @@ def _spectra(views: Tensor, corner: tuple[int, int], n_squares: int, side: int, 
     """
     n_fields, n_views, n_channels = views.shape[:3]
     shape = (n_views, n_fields, n_channels, n_squares, side, side // 2 + 1)
-    spectra = views.new_empty(shape, dtype=exact.complex_dtype(views.dtype))
+    spectra = views.new_empty(shape, dtype=fourier.complex_dtype(views.dtype))
     (top, left), width = corner, (n_squares - 1) * step + side
     beyond = (max(-left, 0), max(left + width - views.shape[-1], 0), max(-top, 0), max(top + side - views.shape[-2], 0))
     within = views[..., max(top, 0) : top + side, max(left, 0) : left + width]

@@ -8,7 +8,7 @@ Letters: `t` fraction of a sample.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.functional import splines
+from lfref.functional import fourier, splines
 from lfref.functional.loops import LANES, compiled
 
 ON_VIEW = 1e-9
@@ -45,6 +45,12 @@ class Border(NamedTuple):
         """Whether the view repeats beyond its edge."""
         return self.mode == "circular"
 
+    def span(self, shift: float, length: int) -> tuple[int, int]:
+        """First and one-past-last output sample that a view counts for, shifted along an axis of this length."""
+        if not self.counts_only_samples:
+            return 0, length
+        return max(0, math.ceil(-shift)), max(0, min(length, math.floor(length - 1 - shift) + 1))
+
     def indices(self, pad: int, length: int) -> Tensor:
         """Index of the sample at each position from -pad to length + pad; -1: black, int64, [length + 2 pad]."""
         positions = torch.arange(-pad, length + pad)
@@ -60,16 +66,16 @@ class Border(NamedTuple):
 
 
 def _replicated(index: Tensor, weight: Tensor, length: int) -> Tap:
-    return index.clamp(0, length - 1), weight
+    return index.clamp(min=0).clamp(max=length - 1), weight
 
 
 def _black(index: Tensor, weight: Tensor, length: int) -> Tap:
-    within = index.clamp(0, length - 1)
+    within = index.clamp(min=0).clamp(max=length - 1)
     return within, torch.where(within == index, weight, 0.0)
 
 
 def _periodic(index: Tensor, weight: Tensor, length: int) -> Tap:
-    return index.remainder(length), weight
+    return fourier.wrapped(index, length), weight
 
 
 BORDERS: dict[str, Border] = {
@@ -90,9 +96,9 @@ class Interpolation(NamedTuple):
     rounds: bool = False
     """Positions are rounded to whole samples first, halves upwards."""
 
-    def snap(self, position: float) -> float:
-        """The position that is read instead of a requested one."""
-        return math.floor(position + 0.5) if self.rounds else position
+    def snap(self, positions: Tensor) -> Tensor:
+        """The positions that are read instead of requested ones."""
+        return (positions + 0.5).floor() if self.rounds else positions
 
     def taps(self, position: float) -> list[tuple[int, float]]:
         """The few samples that are read, each as its index and weight."""
@@ -110,15 +116,9 @@ INTERPOLATIONS: dict[str, Interpolation] = {
 """`exact` is trigonometric (Fourier) interpolation, which moves a whole view by one distance."""
 
 
-def sampled_span(shift: float, length: int) -> tuple[int, int]:
-    """First and one-past-last output sample x whose position x + shift lies on the view, [0, length - 1]."""
-    return max(0, math.ceil(-shift)), max(0, min(length, math.floor(length - 1 - shift) + 1))
-
-
-def sampled(shifts: Sequence[float], length: int) -> Tensor:
-    """Where each shifted view has a sample: 1 or 0, float64, [len(shifts), length]."""
-    x, shift = torch.arange(length), torch.tensor(shifts, dtype=torch.float64)[:, None]
-    return ((x >= (-shift).ceil()) & (x <= (length - 1 - shift).floor())).double()
+def is_sampled(shifts: Tensor, places: Tensor, length: int) -> Tensor:
+    """Whether the position `place + shift` lies on the view, [0, length - 1]; shifts and places broadcast."""
+    return (places >= (-shifts).ceil()) & (places <= (length - 1 - shifts).floor())
 
 
 TAPS = 8

@@ -2,27 +2,29 @@
 
 `joint_wiener` solves for filters of all views together. Here each axis has its own (`axis_filters`), and their products
 serve the views: the sum is that of exact refocusing, `filter_and_sum`, with other factors. The filters are solved for
-the energies of the disparities (`estimate_energies`) and the noise (`noise_share`) that are found in the views.
+the energies of the disparities and the noise that are found in the views (`scene`).
 An aperture that is no product of a row and a column, such as a disc, is a sum of few such products.
 Letters: `N` planes, `V U` view rows and columns, `D` disparities, `s` slope, `d` disparity in pixels per view step.
 """
 
-import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.functional import noise_line
+from lfref.functional import fourier
+from lfref.functional.devices import length_of, on_host, sent
 from lfref.geometry import Slopes
-from lfref.lightfield import LightField
 from lfref.refocus import axis_filters, batches
 from lfref.refocus.axis_filters import AxisSpectrum
-from lfref.refocus.fourier import disparity_layers, layer_mixing
-from lfref.refocus.fourier.disparity_layers import Energies, bounded_by_views
+from lfref.refocus.bounds import bounded_by_views
+from lfref.refocus.fourier import layer_mixing
+from lfref.refocus.fourier.energies import Energies
 from lfref.refocus.fourier.exact import filter_and_sum
 from lfref.refocus.operator import has_traits
+from lfref.refocus.scene import Scene, scenes_of
+from lfref.refocus.shift.shifts import moved
 
 SPECTRUM = AxisSpectrum(aliased=0.3, unexplained=0.002)
 """By trial on both versions of sim30. From .0003 to .01 of unexplained power, the mean of a scene
@@ -33,8 +35,6 @@ TAIL = 24
 """Pixels that filters reach beyond the shifts of the views."""
 FAINT = 1e-4
 """Share of an aperture that is left out, of the largest of the products that it is the sum of."""
-N_LAYERS = 12
-"""Number of disparities whose energies are estimated, at least."""
 
 
 class Term(NamedTuple):
@@ -48,7 +48,11 @@ class Term(NamedTuple):
 
 @has_traits("predicts", symmetric=True)
 def separable_wiener(
-    views: Tensor, slopes: Slopes, disparities: Slopes | None = None, weights: Tensor | None = None
+    views: Tensor,
+    slopes: Slopes,
+    disparities: Slopes | None = None,
+    weights: Tensor | None = None,
+    scene: Scene | None = None,
 ) -> Tensor:
     """Refocus light fields as a lens with the whole aperture would, by filters of rows and columns.
 
@@ -61,6 +65,7 @@ def separable_wiener(
         disparities: Of the light, each as likely, in pixels per view step, [D]; None: as each light field shows them.
         weights: Synthetic aperture of the photograph, >= 0, symmetric about both axes, [V, U]; each view stands for its
             cell of it. Views of weight 0 are read too. None: the whole square.
+        scene: What `analyze_scene` found in this one light field; None: it is analyzed.
 
     Returns:
         Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
@@ -76,28 +81,27 @@ def separable_wiener(
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.symmetric_weights(weights, grid)
-    stacks = []
-    for typed in batch:
-        field = batches.radiance(typed)
-        batches.check_finite(field)
-        if disparities is not None:
-            known = geometry.checked_slopes(disparities, grid, size)
-            prior = Energies(known, torch.full_like(known, 1 / len(known)))
-            stacks.append(refocus_by_rows_and_columns(field, planes, prior, aperture))
-            continue
-        energies = disparity_layers.estimate_energies(field, N_LAYERS, aperture)
-        noise = noise_share(field, aperture, energies)
-        stack = refocus_by_rows_and_columns(field, planes, finer(energies), aperture, noise)
-        stacks.append(bounded_by_views(stack, field, planes, energies, aperture))
+    if disparities is not None:
+        known = sent(geometry.checked_slopes(disparities, grid, size), views.device)
+        even = torch.full_like(known, 1 / len(known))
+        prior, light = Energies(known, even, torch.zeros_like(known[0])), batches.radiance(batch)
+        batches.check_finite(light)
+        stacks = [refocus_by_rows_and_columns(field, planes, prior, aperture, noise=0.0) for field in light]
+    else:
+        stacks = [
+            bounded_by_views(
+                refocus_by_rows_and_columns(own.light, planes, finer(own.energies), aperture, own.noise),
+                own,
+                planes,
+                aperture,
+            )
+            for own in scenes_of(batch, scene, weights)
+        ]
     return batches.restored(torch.stack(stacks), views)
 
 
 def refocus_by_rows_and_columns(
-    field: Tensor,
-    planes: Tensor,
-    prior: Energies,
-    aperture: Tensor,
-    noise: float = 0.0,
+    field: Tensor, planes: Tensor, prior: Energies, aperture: Tensor, noise: Tensor | float
 ) -> Tensor:
     """A light field [V, U, C, H, W] refocused at planes [N] by a prior over its disparities, [N, C, H, W].
 
@@ -105,34 +109,38 @@ def refocus_by_rows_and_columns(
     """
     grid, size = batches.grid_and_size(field)
     spectrum = SPECTRUM._replace(noise=noise)
-    reaches = [math.ceil(float(planes.abs().max()) * (n_views - 1) / 2) + TAIL for n_views in grid]
-    frame = layer_mixing.make_frame("edge", size, max(reaches))
-    even, stack = torch.ones_like(aperture), torch.zeros(())
+    reaches = farthest_shift(planes, grid[0]) + TAIL, farthest_shift(planes, grid[1]) + TAIL
+    frame = layer_mixing.make_frame("edge", size, reaches)
+    slopes, mean = sent(planes, field.device), prior.shares @ prior.disparities
+    stacks = []
     for term in products(aperture):
-        factors = []
-        for n_views, weights, reach in zip(grid, term, reaches, strict=True):
-            table = axis_filters.tables(spectrum, prior.disparities, planes, weights, 2 * reach)
-            mean = prior.shares @ prior.disparities
-            filters = axis_filters.filters(spectrum, table, planes, prior.shares[None], mean[None])[0]
-            factors.append(axis_filters.kernels(filters, torch.zeros(n_views), 2 * reach))
-        rows, columns = (_centred(taps, n) for taps, n in zip(factors, frame.period, strict=True))
-        periods = filter_and_sum(field[None], torch.fft.fft(rows), torch.fft.rfft(columns), even, frame.extend)[0]
-        stack = stack + frame.within(periods)
-    return stack
+        taps: list[Tensor] = []
+        for weights, reach in zip(term, reaches, strict=True):
+            if taps and same_axes(term):
+                taps.append(taps[0])
+                continue
+            own = sent(weights, field.device)
+            table = axis_filters.tables(spectrum, prior.disparities, slopes, own, 2 * reach)
+            filters = axis_filters.filters(spectrum, table, slopes, prior.shares[None], mean[None])[0]
+            taps.append(axis_filters.kernels(filters, torch.zeros_like(own), 2 * reach))
+        rows, columns = (
+            fourier.transformed(own, period, is_half)
+            for own, period, is_half in zip(taps, frame.period, (False, True), strict=True)
+        )
+        stacks.append(filter_and_sum(field[None], rows, columns, None, frame)[0])
+    return stacks[0] if len(stacks) == 1 else torch.stack(stacks).sum(0)
 
 
-def noise_share(field: Tensor, aperture: Tensor, energies: Energies) -> float:
-    """`AxisSpectrum.noise` of a light field [V, U, C, H, W]: the smaller one of two measures, between views and within
-    each view."""
-    if int((aperture > 0).sum()) < 2:
-        return 0.0
-    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in aperture.shape)
-    central = field.detach()[rows, columns].mean((0, 1, 2))
-    # Aliased views differ without noise, and textures are rough without it: both measures are upper bounds.
-    shot, read = noise_line.measure(LightField(field.detach()))
-    noise = min(energies.noise, shot * float(central.mean()) + read)
-    grey = noise / field.shape[2]  # noise of the channels is independent, and their mean has less of it
-    return noise / max(float(central.var()) - grey, noise, torch.finfo(torch.float32).tiny)
+@on_host
+def same_axes(term: Term) -> bool:
+    """Whether rows and columns of a product are alike, and have the same filters."""
+    return term.rows.shape == term.columns.shape and torch.allclose(term.rows, term.columns)
+
+
+def farthest_shift(planes: Tensor, n_views: int) -> int:
+    """Pixels by which the outermost of some views is shifted at most, a whole number, at least 1."""
+    outermost = torch.full((), (n_views - 1) / 2, dtype=torch.float64)
+    return length_of(moved(planes.abs().amax(0)[None], outermost).ceil().long().clamp(min=1)[0])
 
 
 def finer(energies: Energies) -> Energies:
@@ -141,12 +149,13 @@ def finer(energies: Energies) -> Energies:
     if len(known) == 1:
         return energies
     step = (known[-1] - known[0]) / (len(known) - 1)
-    places = torch.arange(1 - FINER, FINER * len(known), dtype=torch.float64) / FINER
-    weights = (1 - (places[:, None] - torch.arange(len(known))).abs()).clamp(min=0)
+    places = torch.arange(1 - FINER, FINER * len(known), dtype=torch.float64, device=known.device) / FINER
+    weights = (1 - (places[:, None] - torch.arange(len(known), device=known.device)).abs()).clamp(min=0)
     finer_shares = weights @ shares
     return Energies(known[0] + step * places, finer_shares / finer_shares.sum(), energies.noise)
 
 
+@on_host
 def products(aperture: Tensor) -> list[Term]:
     """The aperture [V, U] as a sum of products of a row and a column of weights, the largest first."""
     left, values, right = torch.linalg.svd(aperture.double().cpu())
@@ -159,12 +168,3 @@ def products(aperture: Tensor) -> list[Term]:
         scale = total if abs(total) > 1e-6 else 1.0
         terms.append(Term(column * value * scale, row / scale))
     return terms
-
-
-def _centred(taps: Tensor, period: int) -> Tensor:
-    """Taps [N, I, T] about 0 as one period of a sequence whose spectrum multiplies that of views, [N, I, period]."""
-    # Taps read pixels at x + t: they are a correlation.
-    whole = torch.zeros(*taps.shape[:-1], period, dtype=taps.dtype)
-    whole[..., : taps.shape[-1]] = taps
-    whole = whole.roll(-(taps.shape[-1] // 2), -1)
-    return torch.cat([whole[..., :1], whole[..., 1:].flip(-1)], -1)

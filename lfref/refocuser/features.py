@@ -46,10 +46,11 @@ from lfref.functional.neighbours import binomial, box_max, box_mean
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocus.blockwise_wiener import blockwise_wiener, blockwise_wiener_parts
-from lfref.refocus.disparity.disparity_map import coarse_disparity
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
+from lfref.refocus.scene import Scene, analyze_scene
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocus.surface import per_pixel
 from lfref.refocuser import filling
 from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser
@@ -109,10 +110,12 @@ def refiner_inputs(
     names: Sequence[str] = FEATURES,
     n_at_once: int | None = None,
     dtype: torch.dtype = torch.float32,
+    scene: Scene | None = None,
 ) -> Iterator[RefinerInputs]:
     """Refocus a light field by the method `base` at slopes [N], and compute what a refiner reads of the planes.
 
-    Yields `n_at_once` consecutive planes in each part, or all; features of `names`, in this order, in `dtype`.
+    Yields `n_at_once` consecutive planes in each part, or all; features of `names`, in this order, in `dtype`. `scene`
+    is that of a light field without weights, if it is known.
     """
     check_names(names)
     views, weight = light.views, light.weight
@@ -124,7 +127,8 @@ def refiner_inputs(
     takes_disparity = base.takes("disparities") and base.function is not refocus_by_layers
     disparity = whole.new_zeros(light.size)
     if max(light.grid) > 1 and (takes_disparity or {"central", "defocus", "relief", "local"} & {*names}):
-        disparity = coarse_disparity(whole).to(whole)
+        scene = scene or analyze_scene(whole)
+        disparity = scene.refined_disparity.to(whole)
     rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in light.grid)
     middle_views = whole[rows, columns].clone()
     del whole  # it is as large as the views
@@ -132,7 +136,9 @@ def refiner_inputs(
         base = replace(base, operator=functools.partial(base.operator, disparities=disparity))
 
     def refocused(images: Tensor, operator: Operator, aperture: Aperture | None = base.aperture) -> Tensor:
-        return OperatorRefocuser("a feature", operator, aperture).stack(images, weight, slopes, light.positions)
+        method = OperatorRefocuser("a feature", operator, aperture)
+        method = method.of_scene(scene) if scene is not None and weight is None and images is views else method
+        return method.stack(images, weight, slopes, light.positions)
 
     # Of all planes: the pictures, other ways to make them, and the features that compare the views.
     others, is_single = {}, max(light.grid) == 1  # of which all pictures are that view
@@ -141,7 +147,8 @@ def refiner_inputs(
         parts = refocused(views, functools.partial(blockwise_wiener_parts, **base.options))
         pictures, others["everywhere"] = parts.tensor_split(2, 1)
     else:
-        pictures = base.stack(views, weight, slopes, light.positions)
+        known = base if scene is None or weight is not None else base.of_scene(scene)
+        pictures = known.stack(views, weight, slopes, light.positions)
         if "everywhere" in names:
             others["everywhere"] = pictures if is_single else refocused(views, separable_wiener)
     if "local" in names:

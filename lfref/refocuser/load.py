@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lfref.errors import CheckpointError, first_line
+from lfref.errors import CheckpointError, InputError, first_line
 from lfref.extras import needed
 from lfref.geometry import planes_from
 from lfref.io.run import Run, run_name
@@ -94,7 +94,7 @@ class Exported(Refocuser):
     def __init__(self, run: Callable[..., Tensor], description: Mapping[str, Any]) -> None:
         *_, n_rows, n_columns, _, _, _ = description[VIEWS]
         self.run, self.name, self.grid = run, description["name"], (int(n_rows), int(n_columns))
-        self.is_network = "planes" in description
+        self.is_network, self.least = "planes" in description, int(description.get("least", 1))
         if self.is_network:
             self.planes, self.is_linear = planes_from(description["planes"]), description["is_linear"]
 
@@ -102,6 +102,9 @@ class Exported(Refocuser):
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
         """As in `Refocuser`; untrusted samples are replaced by what the other views show."""
         light = light_for_network(self.name, views, weight, positions, CPU)
+        if min(views.shape[-2:]) < self.least:
+            expected = f"views must have at least {self.least} rows and columns for the file of {self.name}"
+            raise InputError(expected, got=list(views.shape[-2:]), remedy="use the method itself")
         fields, planes = batches.flattened(light).float().contiguous(), slopes.float()
         stacks = self.run(fields) if self.is_network else torch.stack([self.run(field, planes) for field in fields])
         return batches.restored(stacks, views)

@@ -23,7 +23,9 @@ from lfref.nets.refiner import Refiner
 from lfref.refocus import batches
 from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
+from lfref.refocus.scene import Scene
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.features import check_names, refiner_inputs
 from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser, Refocuser, light_for_network
 
@@ -57,11 +59,20 @@ class RefinedRefocuser(Refocuser):
         self.names = tuple(names)
         self.name = name
 
+    scene: Scene | None = None
+    """That of the one light field that it refocuses; None: any."""
+
     def through(self, aperture: Aperture | None) -> "RefinedRefocuser":
         """As in `Refocuser`: the method and the features look through the aperture."""
         if aperture is None:
             return self
         return RefinedRefocuser(self.refiner, self.base.through(aperture), self.names, self.name)
+
+    def of_scene(self, scene: Scene) -> "RefinedRefocuser":
+        """As in `Refocuser`."""
+        known = RefinedRefocuser(self.refiner, self.base, self.names, self.name)
+        known.scene = scene
+        return known
 
     @torch.no_grad()
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
@@ -83,7 +94,9 @@ class RefinedRefocuser(Refocuser):
         n_at_once = max(1, AT_ONCE // (self.refiner.n_features * math.prod(fields.shape[-2:])))
         for stack, field, of_field in zip(stacks, fields, weights, strict=True):
             light = LightField(field, weight=of_field)
-            parts = refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype)
+            is_known = self.scene is not None and weight is None and self.scene.views.shape == field.shape
+            known = self.scene if is_known else None
+            parts = refiner_inputs(light, slopes, self.base, self.names, n_at_once, dtype, known)
             for planes, part in zip(stack.split(n_at_once), parts, strict=True):
                 with torch.autocast(device, torch.bfloat16, enabled=is_half):
                     planes.copy_(self.refiner(*part))

@@ -6,6 +6,7 @@ Letters: `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and
 """
 
 import abc
+import functools
 import inspect
 import itertools
 from collections.abc import Callable, Iterable, Sequence
@@ -21,6 +22,7 @@ from lfref.geometry import FocalPlanes, Slopes
 from lfref.lightfield import LightField
 from lfref.refocus import batches
 from lfref.refocus.operator import traits
+from lfref.refocus.scene import Scene
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocuser import filling
 
@@ -92,6 +94,10 @@ class Refocuser(abc.ABC):
 
     def through(self, aperture: Aperture | None) -> "Refocuser":
         """This method with an aperture; itself if it has one already, or cannot weigh views, or for None."""
+        return self
+
+    def of_scene(self, scene: Scene) -> "Refocuser":
+        """This method for the one light field of a scene, of which several stacks share what is estimated."""
         return self
 
     def to(self, device: torch.device) -> Self:
@@ -221,6 +227,11 @@ class OperatorRefocuser(Refocuser):
         """As in `Refocuser`."""
         stays = aperture is None or self.aperture is not None or not self.takes("weights")
         return self if stays else replace(self, aperture=aperture)
+
+    def of_scene(self, scene: Scene) -> "OperatorRefocuser":
+        """As in `Refocuser`; itself if it needs no estimates, or looks through an aperture, which changes them."""
+        stays = self.aperture is not None or not self.takes("scene")
+        return self if stays else replace(self, operator=functools.partial(self.operator, scene=scene))
 
     def cell_width(self, slopes: Tensor) -> float:
         """As in `Refocuser`, by the operator's `fill_factor` and `disparity`."""

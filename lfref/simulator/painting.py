@@ -12,7 +12,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from lfref.functional import fft_lengths
+from lfref.functional import fourier
 from lfref.simulator import bitmaps, layers, materials, planner
 from lfref.simulator.bitmaps import OVERSAMPLING, Bitmap, Box, Canvas
 from lfref.simulator.layers import Highlight, Layer, Reflection
@@ -150,7 +150,7 @@ def reachable_canvas(camera: Camera, geometry: Geometry, reach: float, surface: 
 
     # The period decides what random textures look like: it must not depend on the reach.
     left, top, right, bottom = box(0.0)
-    height, width = (fft_lengths.next_fast_even(math.ceil(length + 1)) for length in (bottom - top, right - left))
+    height, width = (fourier.next_fast_even(math.ceil(length + 1)) for length in (bottom - top, right - left))
     return bitmaps.covering(box(reach), (height, width))
 
 

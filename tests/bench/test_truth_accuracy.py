@@ -13,7 +13,7 @@ from lfref.bench import accuracy, causes, evaluation
 from lfref.functional.psnr import psnr
 from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import painting, sim30

@@ -13,7 +13,7 @@ from lfref.captures.registration import positions_of
 from lfref.captures.vignetting import Rim, VignettingDefect
 from lfref.functional.psnr import psnr
 from lfref.lightfield import LightField
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects.optics import clipped_pupil, falloff

@@ -6,7 +6,7 @@ from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
 from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser
 

@@ -1,5 +1,6 @@
 """Exported files make the pictures of their refocusers, alone and in batches, at any size."""
 
+import functools
 import subprocess
 import sys
 import tempfile
@@ -13,14 +14,18 @@ import lfref
 from lfref.errors import InputError, LfrefError
 from lfref.export import files
 from lfref.lightfield import LightField
+from lfref.refocus import apertures
+from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.separable_wiener import separable_wiener
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
+from lfref.refocuser import filling
 from lfref.refocuser.refocuser import OperatorRefocuser
 from tests.conftest import ROOT
 from tests.export import cases
 
 pytest.importorskip("onnxruntime")
-WIENER = OperatorRefocuser("separable_wiener", separable_wiener)
 SLOPES = torch.tensor([-0.7, 0.0, 0.4], dtype=torch.float64)
 
 
@@ -76,19 +81,57 @@ def test_a_loaded_file_is_a_network_of_its_planes(model):
         refocuser(views, [0.1, 0.2, 0.3])
 
 
+OPERATORS = {
+    "shift_and_sum": shift_and_sum,
+    "shift_and_sum cubic": functools.partial(shift_and_sum, interpolation="cubic", border="edge"),
+    "exact_fourier": exact_fourier,
+    "separable_wiener": separable_wiener,
+}
+
+
 @pytest.mark.slow
-def test_separable_wiener_is_computed_for_any_slopes_sizes_and_weights(tmp_path):
-    loaded = lfref.load(exported(WIENER, tmp_path / "wiener.onnx"))
+@pytest.mark.parametrize("name", OPERATORS)
+def test_an_operator_is_computed_for_any_slopes_sizes_and_weights(name, tmp_path):
+    refocuser = OperatorRefocuser(name.split()[0], OPERATORS[name])
+    loaded = lfref.load(exported(refocuser, tmp_path / "operator.onnx"))
     assert (loaded.is_linear, loaded.planes, loaded.grid) == (None, None, cases.GRID)
     for views, slopes in (
         (torch.rand(*cases.GRID, 1, 30, 30), [0.4]),
         (torch.rand(2, *cases.GRID, 4, 21, 33), [-3, 1]),
     ):
-        torch.testing.assert_close(loaded(views, slopes), WIENER(views, slopes), atol=2e-5, rtol=0)
+        torch.testing.assert_close(loaded(views, slopes), refocuser(views, slopes), atol=2e-5, rtol=0)
+
+
+@pytest.mark.slow
+def test_the_sum_through_cells_is_computed_for_pictures_that_are_large_enough(tmp_path):
+    refocuser = OperatorRefocuser("cells", shift_and_sum_antialiased)
+    fields = [cases.field((131, 140)), cases.field((150, 129), 1)]
+    files.export(refocuser, tmp_path / "cells.onnx", fields, torch.tensor([-3.0, 0.2]).double())
+    loaded, small = lfref.load(tmp_path / "cells.onnx"), torch.rand(*cases.GRID, 1, 96, 128)
+    for slopes in ([0.4], [-5.0, -1.5, 1.0, 6.0]):
+        torch.testing.assert_close(loaded(fields[1], slopes), refocuser(fields[1], slopes), atol=2e-5, rtol=0)
+    with pytest.raises(InputError, match="at least 128 rows and columns"):
+        loaded(small, [0.4])
+
+
+@pytest.mark.slow
+def test_a_file_of_an_operator_fills_samples_without_weight(tmp_path):
+    loaded = lfref.load(exported(OperatorRefocuser("sum", shift_and_sum), tmp_path / "operator.onnx"))
     weight = torch.ones(*cases.GRID, 1, 31, 45)
     weight[0, 0, :, :9] = 0
     light = LightField(cases.FIELDS[0].views, weight=weight)
-    torch.testing.assert_close(loaded(light, SLOPES), WIENER(light, SLOPES), atol=2e-5, rtol=0)
+    filled = filling.filled(light.views, weight)
+    torch.testing.assert_close(loaded(light, SLOPES), shift_and_sum(filled, SLOPES), atol=2e-5, rtol=0)
+
+
+def test_a_sum_of_views_is_run_by_pytorch_and_by_onnx_runtime(tmp_path):
+    refocuser = OperatorRefocuser("sum", shift_and_sum, apertures.disc)
+    module = torch.export.load(exported(refocuser, tmp_path / "sum.pt2")).module()
+    loaded = lfref.load(exported(refocuser, tmp_path / "sum.onnx"))
+    for light in cases.FIELDS:
+        expected = refocuser(light, SLOPES)
+        torch.testing.assert_close(module(light.views, SLOPES.float()), expected, atol=1e-5, rtol=0)
+        torch.testing.assert_close(loaded(light, SLOPES), expected, atol=1e-5, rtol=0)
 
 
 def test_what_no_graph_computes_is_refused(tmp_path):

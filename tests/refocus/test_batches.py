@@ -13,7 +13,8 @@ from lfref import geometry
 from lfref.errors import InputError
 from lfref.refocus import batches
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocus.surface import homography, per_pixel, tilt_shift
 from tests.refocus.conftest import dirichlet, slope_homographies
 from tests.refocus.slow import slow_shift_and_sum

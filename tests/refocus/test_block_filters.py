@@ -5,13 +5,22 @@ import torch
 
 from lfref.refocus import block_filters as module
 from lfref.refocus.block_filters import BLOCK, SPAN, Items, block_priors, filtered, refocus_by_blocks
-from lfref.refocus.fourier.disparity_layers import Energies
+from lfref.refocus.fourier.energies import Energies
+from lfref.refocus.scene import Scene
 from lfref.refocus.separable_wiener import refocus_by_rows_and_columns
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import layered_views
 
-SINGLE = Energies(torch.tensor([0.2]).double(), torch.ones(1).double())
+NO_NOISE = torch.zeros((), dtype=torch.float64)
+SINGLE = Energies(torch.tensor([0.2]).double(), torch.ones(1).double(), NO_NOISE)
+
+
+def without_noise(views, aperture):
+    """A scene that is taken to have no noise."""
+    known = Scene(views, aperture, None)
+    known.noise = NO_NOISE
+    return known
 
 
 def some_items(dtype, n_terms=2):
@@ -55,7 +64,7 @@ def test_loop_and_pytorch_are_the_sum_written_out(dtype):
 def test_priors_are_the_disparities_in_and_around_a_block():
     disparity = torch.full((40, 72), -0.6)
     disparity[:, 36:] = 0.4
-    priors = block_priors(disparity, torch.ones_like(disparity), SINGLE)
+    priors = block_priors(disparity, torch.ones_like(disparity), SINGLE, 1.0)
     assert priors.shares.shape[0] == 3 * 5
     torch.testing.assert_close(priors.shares.sum(1), torch.ones(15).double())
     low, high = priors.ends
@@ -71,10 +80,11 @@ def test_priors_are_the_disparities_in_and_around_a_block():
 def test_of_one_surface_blocks_and_the_whole_field_give_the_same():
     views = layered_views(0.4, 0.4, (64, 64))[0].float()
     aperture = torch.full(views.shape[:2], 1 / 49).double()
-    prior = Energies(torch.tensor([0.4]).double(), torch.ones(1).double())
+    prior = Energies(torch.tensor([0.4]).double(), torch.ones(1).double(), NO_NOISE)
     slopes = torch.tensor([0.4, 0.1]).double()
-    blocks, _ = refocus_by_blocks(views, slopes, torch.full((64, 64), 0.4), prior, aperture)
-    whole = refocus_by_rows_and_columns(views, slopes, prior, aperture)
+    known = without_noise(views, aperture)
+    blocks, _ = refocus_by_blocks(known, slopes, torch.full((64, 64), 0.4), prior, aperture)
+    whole = refocus_by_rows_and_columns(views, slopes, prior, aperture, 0.0)
     inner = (..., slice(12, -12), slice(12, -12))
     torch.testing.assert_close(blocks[inner], whole[inner], atol=1e-2, rtol=0)
 
@@ -84,9 +94,10 @@ def test_aliases_of_a_leaf_are_told_apart_where_filters_for_all_disparities_fail
     slopes = torch.tensor([0.15, -1.2]).double()
     made = simulate(scene, outputs=["views", "truth", "disparity"], slopes=slopes)
     aperture = torch.full((7, 7), 1 / 49).double()
-    prior = Energies(torch.tensor([-1.0, -0.2, 0.15, 0.4]).double(), torch.full((4,), 0.25).double())
-    blocks, nearness = refocus_by_blocks(made.views, slopes, made.disparity, prior, aperture)
-    whole = refocus_by_rows_and_columns(made.views, slopes, prior, aperture)
+    prior = Energies(torch.tensor([-1.0, -0.2, 0.15, 0.4]).double(), torch.full((4,), 0.25).double(), NO_NOISE)
+    known = without_noise(made.views, aperture)
+    blocks, nearness = refocus_by_blocks(known, slopes, made.disparity, prior, aperture)
+    whole = refocus_by_rows_and_columns(made.views, slopes, prior, aperture, 0.0)
     ours = whole + nearness * (blocks - whole)
     inner = (0, ..., slice(24, -24), slice(24, -24))
     errors = [(stack - made.truth)[inner].square().mean() for stack in (ours, whole)]

@@ -11,7 +11,7 @@ from lfref.refocus.blockwise_wiener import blockwise_wiener, blockwise_wiener_pa
 from lfref.refocus.disparity.disparity_map import disparity_map
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from tests.refocus.lens_scenes import SLOPES, psnr, scene
 
 
@@ -26,7 +26,7 @@ def test_is_nearer_the_truth_than_exact_refocusing(name):
 def test_near_focus_in_a_wide_range_filters_of_all_views_together_help():
     views, truth = scene("deep")
     ours, cells = (psnr(operator(views, SLOPES), truth) for operator in (blockwise_wiener, shift_and_sum_antialiased))
-    with mock.patch.object(module, "_is_wide", return_value=False):
+    with mock.patch.object(module, "confuses", return_value=False):
         blind = psnr(blockwise_wiener(views, SLOPES), truth)
     for other in (cells, blind):
         assert float((ours - other)[SLOPES.index(0.4)]) > 2

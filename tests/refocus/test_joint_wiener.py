@@ -15,7 +15,12 @@ from lfref.refocus import joint_wiener as module
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.joint_wiener import Prior, filters, opposites
 
-KNOWN = Prior((-0.7, 0.1, 0.35), (0.3, 0.5, 0.2), aliased=0.15, unexplained=0.02, noise=0.05)
+
+def doubles(*values):
+    return torch.tensor(values, dtype=torch.float64)
+
+
+KNOWN = Prior(doubles(-0.7, 0.1, 0.35), doubles(0.3, 0.5, 0.2), aliased=0.15, unexplained=0.02, noise=0.05)
 SLOPES = (-1.2, 0.0, 0.3)
 SIDE = 8
 GRIDS = [(3, 3), (2, 4), (5, 1), (3, 2), (1, 1)]
@@ -43,12 +48,12 @@ def by_least_squares(known, slopes, grid, aperture, k):
         q = np.array(k) + fold
         power = float(known.power(torch.tensor(q[0]), torch.tensor(q[1])))
         total += power
-        for disparity, share in zip(known.disparities, known.shares, strict=True):
+        for disparity, share in zip(known.disparities.tolist(), known.shares.tolist(), strict=True):
             seen = np.array([np.exp(-2j * np.pi * disparity * (v * q[0] + u * q[1])) for v, u in places])
             covariance += share * power * np.outer(seen, seen.conj())
             for n, slope in enumerate(slopes):
                 wanted[n] += share * power * lens(weights, places, slope - disparity, q) * seen.conj()
-    covariance += (known.unexplained * total + known.noise * known.mean_power) * np.eye(len(places))
+    covariance += (known.unexplained * total + known.noise * float(known.mean_power)) * np.eye(len(places))
     return np.linalg.solve(covariance.T, wanted.T).T
 
 
@@ -75,7 +80,7 @@ def assert_least_squares(found, known, slopes, grid, aperture):
 
 
 def factors_of(known, slopes, grid, aperture, reach=SIDE // 2, side=SIDE):
-    return torch.stack(list(filters(known, slopes, grid, tuple(map(tuple, aperture.tolist())), reach, side)))
+    return torch.stack(list(filters(known, doubles(*slopes), grid, aperture, reach, side)))
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -115,17 +120,17 @@ def impulses(factors, grid, side):
 @settings(max_examples=50, deadline=None)
 def test_shares_are_probabilities_that_reach_a_margin_beyond_what_was_found(values):
     known = module.prior_of_map(torch.tensor(values, dtype=torch.float64))
-    assert sum(known.shares) == pytest.approx(1)
-    assert min(known.shares) > 0
+    assert float(known.shares.sum()) == pytest.approx(1)
+    assert float(known.shares.min()) > 0
     assert known.disparities[0] <= min(values) - module.MARGIN
     assert known.disparities[-1] >= max(values) + module.MARGIN
-    steps = torch.tensor(known.disparities, dtype=torch.float64).diff()
+    steps = known.disparities.diff()
     torch.testing.assert_close(steps, torch.full_like(steps, module.STEP))
 
 
 def only(disparity, unexplained=1e-4):
     """The prior of a scene that is one plane whose detail ends at half a cycle a pixel."""
-    return Prior((disparity,), (1.0,), aliased=0.0, unexplained=unexplained)
+    return Prior(doubles(disparity), doubles(1.0), aliased=0.0, unexplained=unexplained)
 
 
 def waves(seed=0, n=30, highest=0.3):
@@ -185,7 +190,7 @@ def test_folded_detail_is_told_apart_by_views_at_fractions_of_a_pixel():
     x, disparity = torch.arange(80, dtype=torch.float64), 0.4
     wave = torch.cos(2 * math.pi * 0.7 * (x - disparity * columns[:, None]))
     views = wave[None, :, None, None, :].expand(len(rows), 5, 1, 60, 80)
-    known = Prior((disparity,), (1.0,), aliased=1.0, unexplained=1e-4)
+    known = Prior(doubles(disparity), doubles(1.0), aliased=1.0, unexplained=1e-4)
     made = inner(wiener(views, disparity - 0.5, known), 20)
     # The photograph has the wave blurred by 5 x .5 pixels; samples of it are what is to be estimated.
     expected = (torch.sinc(torch.tensor(0.7 * 2.5)) * torch.cos(2 * math.pi * 0.7 * x))[20:-20]

@@ -21,7 +21,8 @@ from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.super_resolution import predicted_views, super_resolve
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 

@@ -27,6 +27,9 @@ def test_the_span_holds_exactly_the_samples_that_lie_on_the_view(length, share):
     # Multiples of 1/64, so that x + shift is exact.
     shift = round(share * length * 64) / 64
     counts = [float(0 <= x + shift <= length - 1) for x in range(length)]
-    assert sampling.sampled([shift, 0.0], length).tolist() == [counts, [1.0] * length]
-    begin, end = sampling.sampled_span(shift, length)
+    shifts = torch.tensor([[shift], [0.0]], dtype=torch.float64)
+    found = sampling.is_sampled(shifts, torch.arange(length), length)
+    assert found.double().tolist() == [counts, [1.0] * length]
+    begin, end = BORDERS["renormalize"].span(shift, length)
     assert [float(begin <= x < end) for x in range(length)] == counts
+    assert BORDERS["edge"].span(shift, length) == (0, length)

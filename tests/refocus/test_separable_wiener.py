@@ -6,12 +6,13 @@ import pytest
 import torch
 from torch.nn import functional as F
 
-from lfref.refocus import apertures, axis_filters, batches
+from lfref.refocus import apertures, axis_filters
 from lfref.refocus import separable_wiener as module
 from lfref.refocus.blockwise_wiener import blockwise_wiener
-from lfref.refocus.fourier.disparity_layers import Energies, estimate_energies
-from lfref.refocus.separable_wiener import finer, noise_share, products, separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
+from lfref.refocus.fourier.energies import Energies
+from lfref.refocus.scene import Scene, analyze_scene
+from lfref.refocus.separable_wiener import finer, products, separable_wiener
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.refocus.lens_scenes import SLOPES, psnr, scene
@@ -67,12 +68,13 @@ def test_a_disc_is_the_sum_of_few_products():
 
 
 def test_energies_are_spread_between_layers():
-    prior = finer(Energies(torch.tensor([-0.5, 0.0, 0.5]).double(), torch.tensor([0.25, 0.5, 0.25]).double()))
+    noise = torch.zeros(())
+    prior = finer(Energies(torch.tensor([-0.5, 0.0, 0.5]).double(), torch.tensor([0.25, 0.5, 0.25]).double(), noise))
     assert float(prior.shares.sum()) == pytest.approx(1)
     assert float(prior.shares @ prior.disparities) == pytest.approx(0)
     torch.testing.assert_close(prior.disparities.diff(), torch.full((len(prior.shares) - 1,), 0.125).double())
     assert float(prior.shares.max()) == pytest.approx(0.5 / module.FINER, rel=0.01)
-    single = Energies(torch.tensor([0.3]).double(), torch.ones(1).double())
+    single = Energies(torch.tensor([0.3]).double(), torch.ones(1).double(), noise)
     assert finer(single) is single
 
 
@@ -80,12 +82,10 @@ def test_energies_are_spread_between_layers():
 def test_noise_is_measured_and_helps(operator, first):
     views, truth = scene("discs")
     noisy = views + 0.03 * torch.randn(views.shape, generator=torch.Generator().manual_seed(3))
-    full = batches.checked_weights(None, (7, 7))
-    assert noise_share(views, full, estimate_energies(views, 12, full)) < 1e-3
-    share = noise_share(noisy, full, estimate_energies(noisy, 12, full))
-    assert share == pytest.approx(0.03**2 / float(views.mean(2)[3, 3].var()), rel=1)
+    assert float(analyze_scene(views).noise) < 1e-3
+    assert float(analyze_scene(noisy).noise) == pytest.approx(0.03**2 / float(views.mean(2)[3, 3].var()), rel=1)
     ours = psnr(operator(noisy, SLOPES), truth)
-    with mock.patch.object(module, "noise_share", return_value=0.0):
+    with mock.patch.object(Scene, "noise", torch.zeros((), dtype=torch.float64)):
         blind = psnr(operator(noisy, SLOPES), truth)
     assert float((ours - blind)[first:].mean()) > 1
 

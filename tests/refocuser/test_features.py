@@ -9,7 +9,8 @@ from lfref.lightfield import LightField
 from lfref.refocus.blockwise_wiener import blockwise_wiener, blockwise_wiener_parts
 from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.features import CANDIDATES, FEATURES, candidate, coverage, refiner_inputs
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30

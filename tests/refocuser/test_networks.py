@@ -105,15 +105,12 @@ SLOPES = torch.tensor([-0.6, 0.0, 0.3], dtype=torch.float64)
 INNER = (..., slice(12, -12), slice(12, -12))
 
 
-@pytest.fixture(scope="module")
-def made():
-    scene = sim30.SCENES["twigs"]
+# The sky of `twigs` has no texture: in noise its disparity, and what follows from it, is a guess.
+@pytest.mark.parametrize(("name", "noise", "gain"), [("twigs", 0.0, 0.5), ("leaves", 4e-4, 1.0)])
+def test_its_pictures_are_nearer_to_the_truth(name, noise, gain):
+    scene = sim30.SCENES[name]
     small = dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, size=(128, 144)))
-    return lfref.simulate(small, outputs=("views", "truth"), slopes=SLOPES)
-
-
-@pytest.mark.parametrize(("noise", "gain"), [(0.0, 0.5), (4e-4, 1.0)])
-def test_its_pictures_are_nearer_to_the_truth(made, noise, gain):
+    made = lfref.simulate(small, outputs=("views", "truth"), slopes=SLOPES)
     views = noisy(made.views, 0.0, noise, torch.randn(made.views.shape)) if noise else made.views
     before, after = (
         psnr(stack[INNER], made.truth[INNER])

@@ -17,7 +17,8 @@ from lfref.refocus.fourier.disparity_layers import refocus_by_layers
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.separable_wiener import separable_wiener
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.refocuser import (
     OperatorRefocuser,
     name_apart,

@@ -9,7 +9,7 @@ import torch
 
 from lfref.geometry import FocalPlanes
 from lfref.lightfield import LightField
-from lfref.refocus.shift.shift_and_sum import shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import pictures
 from lfref.report.refocused import PictureFiles, Refocused, brightening, mean_of_views, without_gaps

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lfref.refocus.fourier import exact
+from lfref.functional import fourier
 from lfref.simulator import bitmaps
 from lfref.simulator.bitmaps import Bitmap, Canvas
 from lfref.simulator.textures import Noise
@@ -20,7 +20,7 @@ def noise():
 
 def box_blurred(bitmap, width):
     """The box carried out on the spectrum; the canvas holds one period of the noise."""
-    gains = [torch.sinc(2 * width * f) for f in (exact.frequencies(160)[:, None], exact.half_frequencies(160))]
+    gains = [torch.sinc(2 * width * f) for f in (fourier.frequencies(160)[:, None], fourier.half_frequencies(160))]
     return torch.fft.irfft2(torch.fft.rfft2(bitmap.samples.double()) * gains[0] * gains[1], s=(160, 160))
 
 

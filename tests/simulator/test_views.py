@@ -4,7 +4,7 @@ import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
 
-from lfref.refocus.fourier import exact
+from lfref.functional import fourier
 from lfref.simulator import painting, views
 from lfref.simulator.materials import Glossy
 from lfref.simulator.mattes import Disc, Polygon, Twigs
@@ -22,8 +22,8 @@ def fourier_shifted(image, shift_x, shift_y):
     height, width = image.shape[-2:]
     mirrored = torch.cat([image, image.flip(-1)], dim=-1)
     mirrored = torch.cat([mirrored, mirrored.flip(-2)], dim=-2).double()
-    rows = exact.shift_phases(exact.frequencies(2 * height), torch.tensor(shift_y))
-    columns = exact.shift_phases(exact.half_frequencies(2 * width), torch.tensor(shift_x))
+    rows = torch.complex(*fourier.shift_phases(fourier.frequencies(2 * height), torch.tensor(shift_y)))
+    columns = torch.complex(*fourier.shift_phases(fourier.half_frequencies(2 * width), torch.tensor(shift_x)))
     shifted = torch.fft.irfft2(torch.fft.rfft2(mirrored) * rows[:, None] * columns, s=mirrored.shape[-2:])
     return shifted[..., :height, :width]
 

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from lfref.functional.psnr import psnr
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, shift_and_sum_antialiased
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
 from tests.viewer import cases

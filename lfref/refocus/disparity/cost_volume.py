@@ -26,9 +26,11 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.functional import loops, neighbours
+from lfref.functional.devices import is_known, sent
 from lfref.functional.loops import compiled, inlined
 from lfref.refocus import batches
-from lfref.refocus.sampling import INTERPOLATIONS
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS, is_sampled
+from lfref.refocus.shift.shift_bands import moved_by_bands
 
 Reals = NDArray[np.float32]
 Integers = NDArray[np.int64]
@@ -45,7 +47,7 @@ CONTRAST = 0.02
 NOISY = 2.0
 """Variances of the noise that count as half a disagreement: the variance of a difference of two views."""
 STEEP = 0.05
-"""Pixels that a view a step from the centre is off halfway between slopes that are tried (`matching.STEP` / 2)."""
+"""Pixels that a view a step from the centre is off about halfway between slopes that are tried."""
 QUIET = 0.25
 """Share of pixels that show nothing but noise at their best slope: others are interpolated, hidden, or shine."""
 
@@ -53,34 +55,42 @@ QUIET = 0.25
 class GreyViews(NamedTuple):
     """Grey views of one light field, without those of weight 0."""
 
-    samples: Reals
-    """[K, H, W]."""
-    positions: Reals
-    """v and u of each, in view steps from the angular centre, [K, 2]."""
-    middle: Integers
+    samples: Tensor
+    """Float32, [K, H, W]."""
+    positions: Tensor
+    """v and u of each, in view steps from the angular centre, float64, CPU, [K, 2]."""
+    middle: list[int]
     """Indices of the views nearest to the angular centre: one, or those around it."""
 
     @property
     def central(self) -> Tensor:
         """The picture in the middle, [H, W]."""
-        return torch.from_numpy(self.samples[self.middle].mean(0))
+        return torch.stack([self.samples[k] for k in self.middle]).mean(0)
 
 
-def grey_views(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> GreyViews:
-    """The views of a light field [V, U, C, H, W] in grey, those of weight 0 in the aperture [V, U] left out."""
-    is_read = aperture > 0
-    if int(is_read.sum()) < 2:
-        raise InputError("disparity takes more than one view", got=f"{int(is_read.sum())} of a weight above 0")
-    # View by view into one array: lists and masks would copy all views.
-    samples = torch.empty(int(is_read.sum()), *views.shape[-2:])
-    for sample, (v, u) in zip(samples, is_read.nonzero().tolist(), strict=True):
-        sample.copy_(batches.radiance(views[v, u].detach()).mean(0))
-    batches.check_finite(samples, "mend the file, or give views weight 0")
-    grid = batches.grid_and_size(views)[0]
-    where = (batches.even(grid) if positions is None else batches.checked_positions(positions, grid))[is_read]
+def grey_of(views: Tensor, aperture: Tensor) -> Tensor:
+    """Grey views [V, U, H, W] on the CPU of checked ones [V, U, C, H, W]; those of weight 0 are black."""
+    read = batches.without_unread(views.detach()[None], aperture)[0]
+    grey = torch.stack([batches.radiance(row).mean(1) for row in read]).cpu()
+    batches.check_finite(grey, "mend the file, or give views weight 0")
+    return grey
+
+
+def grey_views(grey: Tensor, aperture: Tensor, positions: Tensor | None = None) -> GreyViews:
+    """Grey views [V, U, H, W], those of weight 0 in the aperture [V, U] left out."""
+    read = (aperture.flatten() > 0).nonzero()[:, 0]
+    if len(read) < 2:
+        raise InputError("disparity takes more than one view", got=f"{len(read)} of a weight above 0")
+    grid = (grey.shape[0], grey.shape[1])
+    where = (batches.even(grid) if positions is None else batches.checked_positions(positions, grid)).flatten(0, 1)[
+        read
+    ]
+    samples = grey.float().flatten(0, 1)
+    if len(read) < len(samples):
+        samples = samples.index_select(0, sent(read, grey.device))
     distances = where.square().sum(1)
     nearest = (distances <= 1.01 * float(distances.min())).nonzero()[:, 0]  # equally near but for rounding
-    return GreyViews(samples.numpy(), where.float().numpy(), nearest.numpy())
+    return GreyViews(samples, where, nearest.tolist())
 
 
 def details(views: GreyViews, slopes: Tensor) -> GreyViews:
@@ -89,41 +99,45 @@ def details(views: GreyViews, slopes: Tensor) -> GreyViews:
     Roots weigh texture in shadows like texture in the light. Edges shrink but stay sharp: a plain high-pass filter
     would carry them into their neighbourhood. In noise beyond `CONTRAST` there is no finer texture to prefer.
     """
-    samples = views.samples.clip(min=0)
-    roots = views._replace(samples=np.sqrt(samples, out=samples))
-    least = (CONTRAST * float(roots.samples.mean())) ** 2
-    share = SHADING * least / max(least + noise(roots, slopes) ** 2, torch.finfo(torch.float32).tiny)
-    for root in torch.from_numpy(roots.samples):  # view by view: the filter takes some copies
+    roots = views._replace(samples=views.samples.clamp(min=0).sqrt())
+    least = (CONTRAST * roots.samples.mean()).square()
+    tiny = torch.finfo(torch.float32).tiny
+    share = SHADING * least / (least + noise(roots, slopes).square()).clamp(min=tiny)
+    # On a processor view by view: the filter takes some copies.
+    parts = roots.samples.split(1 if is_known(share) else len(roots.samples))
+    finer = []
+    for root in parts:
         mean = neighbours.box_mean(root, 3)
         variance = (neighbours.box_mean(root.square(), 3) - mean.square()).clamp(min=0)
-        kept = variance / (variance + least).clamp(min=torch.finfo(torch.float32).tiny)
-        root -= share * (neighbours.box_mean(kept, 3) * root + neighbours.box_mean((1 - kept) * mean, 3))
-    return roots
+        kept = variance / (variance + least).clamp(min=tiny)
+        finer.append(root - share * (neighbours.box_mean(kept, 3) * root + neighbours.box_mean((1 - kept) * mean, 3)))
+    return roots._replace(samples=torch.cat(finer))
 
 
-def noise(views: GreyViews, slopes: Tensor) -> float:
+def noise(views: GreyViews, slopes: Tensor) -> Tensor:
     """Standard deviation of the differences of views where they show the same; slopes [N] cover the scene."""
     height = views.samples.shape[1]
     # Every eighth row and every second slope say enough. Rows are counted from both ends: mirrored views must have a
     # mirrored map.
-    to_border = np.minimum(np.arange(height), np.arange(height)[::-1])
-    rows = np.flatnonzero(to_border % 8 == min(4, to_border.max()))
+    row = torch.arange(height)
+    to_border = torch.minimum(row, height - 1 - row)
+    rows = (to_border % 8 == min(4, (height - 1) // 2)).nonzero()[:, 0]
     # A spread of 1, far above all differences, turns shares into mean squares.
-    level = np.ones(views.samples.shape[1:], np.float32)
-    least = disagreements(views, slopes[::2], level, rows).amin(0)
+    level = torch.ones_like(views.samples[0])
+    least = disagreements(views, slopes[::2], level, rows).amin(0).flatten()
     n_views = len(views.samples)
-    quiet = float(least.flatten().kthvalue(1 + int(QUIET * (least.numel() - 1))).values)
-    return max(quiet * n_views / (n_views - 1), 0.0) ** 0.5
+    quiet = least.sort().values[int(QUIET * (len(least) - 1))]
+    return (quiet * n_views / (n_views - 1)).clamp(min=0).sqrt()
 
 
-def spread(views: GreyViews, noise: float) -> Tensor:
+def spread(views: GreyViews, noise: Tensor) -> Tensor:
     """sigma^2, the square of the difference that counts as half a disagreement, [H, W]."""
-    return NOISY * noise**2 + LEAST_NOISE**2 + STEEP**2 * steepness(views.central)
+    return NOISY * noise.square() + LEAST_NOISE**2 + STEEP**2 * steepness(views.central)
 
 
 def steepness(image: Tensor) -> Tensor:
     """Square of the gradient, averaged a little, [H, W]."""
-    gradients = [torch.gradient(image, dim=axis)[0] for axis in (0, 1) if image.shape[axis] > 1]
+    gradients = [neighbours.gradient(image, axis) for axis in (0, 1) if image.shape[axis] > 1]
     squares = sum((gradient.square() for gradient in gradients), torch.zeros_like(image))
     return neighbours.smoothed(squares[None], 1.0)[0]
 
@@ -142,27 +156,62 @@ class ViewTaps(NamedTuple):
     column_spans: Integers
 
 
-def disagreements(views: GreyViews, slopes: Tensor, spread: Reals, rows: Integers | None = None) -> Tensor:
+def disagreements(views: GreyViews, slopes: Tensor, spread: Tensor, rows: Tensor | None = None) -> Tensor:
     """The cost volume at slopes [N]: the share of views that disagree, [N, R, W], in some rows [R] or in all.
 
     The spread [H, W] is the square of the difference that counts as half a disagreement.
     """
-    height, width = views.samples.shape[1:]
-    chosen = np.arange(height) if rows is None else rows
+    if not is_known(views.samples):
+        return _disagreements(views, slopes, spread, rows)
+    samples, middle, positions = views.samples.numpy(), np.array(views.middle), views.positions.numpy()
+    height, width = samples.shape[1:]
+    chosen = np.arange(height) if rows is None else rows.numpy()
     shares = np.empty((len(slopes), len(chosen), width), np.float32)
     shifts = [
-        ViewTaps(*_taps(slope * views.positions[:, 0], height), *_taps(slope * views.positions[:, 1], width))
+        ViewTaps(*_taps(slope * positions[:, 0], height), *_taps(slope * positions[:, 1], width))
         for slope in slopes.tolist()
     ]
     n_threads = loops.worthwhile(len(chosen) * width, 1 << 12)  # pixels of a slope from which one more thread pays
+    level = spread.numpy()
 
     def work(n: int, first: int, last: int) -> None:
         part = slice(first, last)
-        count_votes(views.samples, views.middle, shifts[n], spread, chosen[part], shares[n, part])
+        count_votes(samples, middle, shifts[n], level, chosen[part], shares[n, part])
 
     jobs = [(n, *band) for n in range(len(slopes)) for band in loops.bands(len(chosen), n_threads)]
     loops.share(work, jobs, n_threads)
     return torch.from_numpy(shares)
+
+
+def _disagreements(views: GreyViews, slopes: Tensor, spread: Tensor, rows: Tensor | None) -> Tensor:
+    """As `disagreements`, by PyTorch on any device, all slopes at once."""
+    height, width = views.samples.shape[1:]
+    positions = sent(views.positions, slopes.device)
+    down, across = (_near_whole(slopes[:, None] * axis) for axis in positions.unbind(1))  # [N, K]
+    moved = moved_by_bands(views.samples, down, across, INTERPOLATIONS["cubic"], BORDERS["edge"])
+    y, x = (torch.arange(length, device=slopes.device) for length in (height, width))
+    exists = is_sampled(down[..., None], y, height)[..., None] & is_sampled(across[..., None], x, width)[..., None, :]
+    if rows is not None:
+        chosen = sent(rows, slopes.device)
+        moved, exists, spread = (part.index_select(-2, chosen) for part in (moved, exists, spread))
+    present = exists.to(moved)
+    # 1. The reference: mean of the central views that have a sample, 0 where none has.
+    central, n_central = (torch.stack([part[:, k] for k in views.middle]).sum(0) for part in (moved * present, present))
+    reference = (central / n_central.clamp(min=1))[:, None]
+    # 2. The mean of all views, weighted by how well they agree with it.
+    weights = present * spread / ((moved - reference).square() + spread)
+    total = weights.sum(1, keepdim=True)
+    reference = torch.where(total > 0, (weights * moved).sum(1, keepdim=True) / total, reference)
+    # 3. The votes: the mean over all views with a sample; where none has, nothing agrees.
+    squares = (moved - reference).square()
+    count = present.sum(1)
+    return torch.where(count > 0, (present * squares / (squares + spread)).sum(1) / count, 1.0)
+
+
+def _near_whole(shifts: Tensor) -> Tensor:
+    """Shifts; those that are whole but for rounding have the span of whole ones."""
+    whole = shifts.round()
+    return torch.where((shifts - whole).abs() < 1e-5, whole, shifts)
 
 
 def _taps(shifts: NDArray, length: int) -> tuple[Integers, Reals, Integers]:

@@ -21,10 +21,14 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import neighbours
+from lfref.functional.devices import may_hold
 from lfref.refocus import batches
 from lfref.refocus.disparity import cost_volume, matching
-from lfref.refocus.fourier import disparity_layers
-from lfref.refocus.shift.shift_and_sum import shift_and_sum, wide_range
+from lfref.refocus.disparity.matching import Labels
+from lfref.refocus.focus.line_range import wide_range
+from lfref.refocus.focus.slope_range import DisparityRange
+from lfref.refocus.fourier import energies
+from lfref.refocus.shift.shift_and_sum import shift_and_sum, sums_of
 
 SURE = 0.3
 """Confidence from which a reduced pixel counts for the range."""
@@ -86,84 +90,112 @@ def disparity_map(
     aperture = batches.checked_weights(weights, grid)
     maps = []
     for field in batch:
-        if first is None or last is None:
-            estimated = estimate_range(field, aperture, positions)
-            low, high = (estimated[0] if first is None else first), (estimated[1] if last is None else last)
-        else:
-            low, high = first, last
+        grey = cost_volume.grey_of(field, aperture)
+        views_read = cost_volume.grey_views(grey, aperture, positions)
+        low, high = first, last
+        if low is None or high is None:
+            known = wide_range(field.detach(), aperture, positions)
+            held = energies.energy_range(grey, aperture, known)
+            estimated = estimate_range(grey, aperture, energies.farthest(known), held, positions)
+            low, high = (float(end) if own is None else own for own, end in zip((low, high), estimated, strict=True))
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise InputError("disparities must lie between a first and a larger last one", got=f"{low} and {high}")
-        slopes = batches.checked_slopes(matching.slopes_between(low, high), grid, size, positions)
-        light = cost_volume.details(cost_volume.grey_views(field, aperture, positions), slopes)
-        noise = cost_volume.noise(light, slopes)
-        labels, confidence = matching.best_slopes(light, slopes, noise)
-        maps.append((matching.refine(light, labels, noise, low, high), confidence))
+        labels = matching.slopes_between(low, high)
+        batches.checked_slopes(labels.slopes, grid, size, positions)
+        light = cost_volume.details(views_read, labels.slopes)
+        noise = cost_volume.noise(light, labels.slopes)
+        disparity, confidence = matching.best_slopes(light, labels, noise)
+        maps.append((matching.refine(light, disparity, noise, low, high), confidence))
     shape, dtype = (*views.shape[:-5], *size), batches.working_dtype(views.dtype)
     return DisparityMap(*(torch.stack(part).reshape(shape).to(views.device, dtype) for part in zip(*maps, strict=True)))
 
 
 @torch.no_grad()
-def coarse_disparity(field: Tensor) -> Tensor:
-    """Disparity of the central view of a light field [V, U, C, H, W], around lights that of the light, [H, W]."""
-    height, width = field.shape[-2:]
-    scale, reduced = 1, field
+def coarse_disparity(
+    grey: Tensor, known: DisparityRange | None, held: tuple[Tensor, Tensor], is_refined: bool = False
+) -> Tensor:
+    """Disparity of the central view of grey views [V, U, H, W], around lights that of the light, [H, W].
+
+    `known` is the range of their disparities, if it is wide, and `held` the ends of those that spectra hold. A map that
+    is refined, on the processor, has less noise: pictures of `blockwise_wiener` are the same.
+    """
+    height, width = grey.shape[-2:]
+    scale, reduced = 1, grey
     if min(height, width) >= LARGE:
-        # Colours are averaged first: matching would do so later, of four times as many pixels.
-        halves = F.avg_pool2d(field.mean(2), 2, ceil_mode=True, count_include_pad=False)
-        scale, reduced = 2, halves[:, :, None]
-    low, high = estimate_range(reduced, batches.checked_weights(None, batches.grid_and_size(reduced)[0]))
-    disparity = scale * _with_lights(reduced, disparity_map(reduced, low, high).disparity, low, high)
+        scale, reduced = 2, F.avg_pool2d(grey, 2, ceil_mode=True, count_include_pad=False)
+    first, last = (end / scale for end in energies.farthest(known))
+    aperture = batches.checked_weights(None, (grey.shape[0], grey.shape[1]))
+    low, high = estimate_range(reduced, aperture, (first, last), (held[0] / scale, held[1] / scale))
+    labels = matching.slopes_within(low, high, last - first + energies.STEP / scale + 2 * BEYOND)
+    views = cost_volume.details(cost_volume.grey_views(reduced, aperture), labels.slopes)
+    noise = cost_volume.noise(views, labels.slopes)
+    disparity, _ = matching.best_slopes(views, labels, noise)
+    if is_refined:
+        on_cpu = views._replace(samples=views.samples.cpu())
+        disparity = matching.refine(on_cpu, disparity.cpu(), noise.cpu(), float(low), float(high)).to(grey.device)
+    disparity = scale * _with_lights(reduced, disparity, labels)
     return disparity.repeat_interleave(scale, 0).repeat_interleave(scale, 1)[:height, :width]
 
 
-def _with_lights(field: Tensor, disparity: Tensor, first: float, last: float) -> Tensor:
-    """A disparity map [H, W], with the slope of least variance of the views around lights, from `first` to `last`.
+def _with_lights(grey: Tensor, disparity: Tensor, labels: Labels) -> Tensor:
+    """A disparity map [H, W], with the slope of least variance of the views around lights.
 
     In matching, each view has one vote: the edge of a light counts no more than weak texture. But most of the light
     that is refocused there comes from it, and the variance is least at the slope at which it is sharp.
     """
-    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in field.shape[:2])
-    middle = field[rows, columns].mean((0, 1, 2))
+    rows, columns = (slice((n_views - 1) // 2, n_views // 2 + 1) for n_views in grey.shape[:2])
+    middle = grey[rows, columns].mean((0, 1))
     is_light = middle > LIGHT * neighbours.box_mean(middle[None], SURROUNDINGS)[0]
-    is_light = neighbours.box_max(is_light.to(field)[None], AROUND_LIGHTS)[0] > 0
-    if not bool(is_light.any()):
+    is_light = neighbours.box_max(is_light.to(grey)[None], AROUND_LIGHTS)[0] > 0
+    if not may_hold(is_light.any()):
         return disparity
-    grey, slopes = field.mean(2, keepdim=True), matching.slopes_between(first, last)
-    mean, square = shift_and_sum(torch.cat([grey, grey.square()], 2), slopes, "cubic").unbind(1)
-    sharpest = slopes.to(disparity)[neighbours.box_mean((square - mean.square()).clamp(min=0), SHARP).argmin(0)]
+    mean, square = sums_of(torch.stack([grey, grey.square()], 2), labels.slopes).unbind(1)
+    variance = neighbours.box_mean((square - mean.square()).clamp(min=0), SHARP)
+    is_tried = torch.arange(len(variance), device=grey.device) < labels.n_tried
+    best = torch.where(is_tried[:, None, None], variance, torch.inf).argmin(0)
+    sharpest = labels.slopes.to(disparity)[best]
     # The map is finer than the slopes that are tried.
     return torch.where(is_light & ((sharpest - disparity).abs() > 1.5 * matching.STEP), sharpest, disparity)
 
 
-def estimate_range(views: Tensor, aperture: Tensor, positions: Tensor | None = None) -> tuple[float, float]:
-    """Least and largest disparity that a light field [V, U, C, H, W] may hold, in pixels per view step.
+def estimate_range(
+    grey: Tensor,
+    aperture: Tensor,
+    tried: tuple[float, float],
+    held: tuple[Tensor, Tensor],
+    positions: Tensor | None = None,
+) -> tuple[Tensor, Tensor]:
+    """Least and largest disparity that grey views [V, U, H, W] may hold, in pixels per view step.
 
-    The range is that of the spectra, which know all texture, widened by that of matched reduced views, which know large
-    smooth surfaces.
+    The range is that of the spectra, `held`, which know all texture, widened by that of matched reduced views, which
+    know large smooth surfaces between the ends that are `tried`.
     """
     # The outermost views can shift by a little less than half of their size.
-    grid, size = batches.grid_and_size(views)
+    grid, size = (grey.shape[0], grey.shape[1]), grey.shape[2:]
     shift = geometry.corner_shift(torch.ones(1), batches.lines(grid, positions).extent)
     most = 0.9 * min(size) / 2 / max(shift, 0.5)
-    known, reach = wide_range(views, aperture, positions), disparity_layers.REACH
-    first, last = (min(max(end, -most), most) for end in disparity_layers.energy_range(views, aperture, known))
+    first, last = (end.clamp(-most, most) for end in held)
     # Views of at least 32 pixels, at most 4 times smaller.
-    factor = max(1, min(4, min(size) // 32))
-    light = F.avg_pool2d(batches.radiance(views).mean(2), factor)[:, :, None]
-    low, high = (-reach, reach) if known is None else (min(-reach, known.low), max(reach, known.high))
-    low, high = max(low, -most) / factor, min(high, most) / factor
-    slopes = matching.slopes_between(low, high)
-    small = cost_volume.grey_views(light, aperture, positions)
-    noise = cost_volume.noise(small, slopes)
-    labels, confidence = matching.best_slopes(small, slopes, noise)
-    surfaces = factor * matching.refine(small, labels, noise, low, high)[confidence > SURE].sort().values
-    if not len(surfaces):
-        return first, last
-    low, high = (float(surfaces[round(share * (len(surfaces) - 1))]) for share in (OUTLIERS, 1 - OUTLIERS))
+    factor = min(max(1, min(4, length // 32)) for length in size)
+    low, high = tried
+    labels = matching.slopes_between(max(low, -most) / factor, min(high, most) / factor, grey.device)
+    small = cost_volume.grey_views(F.avg_pool2d(grey, factor), aperture, positions)
+    disparity, confidence = matching.best_slopes(small, labels, cost_volume.noise(small, labels.slopes))
+    is_sure = confidence > SURE
+    surfaces = torch.where(is_sure, factor * disparity.double(), energies.BEYOND).flatten().sort().values
+    n_sure = is_sure.sum()
+    least, greatest = (
+        surfaces.gather(0, (share * (n_sure - 1)).round().long().clamp(min=0)[None])[0]
+        for share in (OUTLIERS, 1 - OUTLIERS)
+    )
     # Spectra take the grid for even: where it is not, they limit nothing.
     beyond = BEYOND if positions is None else torch.inf
-    low, high = max(-most, low - MARGIN), min(most, high + MARGIN)
-    return min(first, max(low, first - beyond)), max(last, min(high, last + beyond))
+    below, above = (least - MARGIN).clamp(min=-most), (greatest + MARGIN).clamp(max=most)
+    wider = (
+        torch.minimum(first, torch.maximum(below, first - beyond)),
+        torch.maximum(last, torch.minimum(above, last + beyond)),
+    )
+    return torch.where(n_sure > 0, wider[0], first), torch.where(n_sure > 0, wider[1], last)
 
 
 RIM = 8

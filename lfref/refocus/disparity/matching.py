@@ -2,12 +2,14 @@
 
 The solver of `disparity_map`, apart from it because its compiled loops are a story of their own.
 
-1. `best_slopes`. Costs C(p, n) of label n (slope s_n) at pixel p are aggregated along lines from eight directions r:
+1. `best_slopes`. Costs C(p, n) of label n (slope s_n) at pixel p are aggregated along lines from four directions r:
    `L_r(p, n) = C(p, n) + min(L_r(q, n), L_r(q, n +- 1) + CHANGE, M_q + jump(p)) - M_q`, q = p - r the pixel before and
    M_q its least L_r.
    A change by one label, as on a slant, costs little; a jump costs more, and less where the picture has an edge. Each
-   pixel takes the label whose sum over the directions is least, and the vertex of the parabola through it and its
-   neighbours.
+   pixel takes the label whose sum over the directions is least, and the vertex of the parabola through the costs C
+   there. Lines are cut into stretches that begin `BEFORE` pixels earlier: a GPU, or a file, follows all of them at
+   once, in a number of steps that does not grow with the picture. Eight directions give the same pictures (57.57 for
+   57.61 dB), for twice the time.
 2. `refine`. A Gauss-Newton step d <- d - sum w c e / sum w c^2 for each pixel, e a view's difference from the robust
    mean, c its change with the disparity, w its agreement (`cost_volume`). The certainty of a pixel's disparity is
    sum w c^2.
@@ -20,29 +22,35 @@ Iterative Image Registration Technique", 1981 (2).
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.functional import loops, neighbours, splines
+from lfref.functional.devices import at_most, is_known
 from lfref.functional.loops import compiled, inlined
 from lfref.refocus.disparity import cost_volume
 from lfref.refocus.disparity.cost_volume import GreyViews, Integers, Number, Reals, mean_of, read_spline, robust_mean
 
 RADIUS = 1.0
 """Standard deviation of the window in which views are compared, in pixels."""
-STEP = 0.1
-"""Largest distance of the slopes tried, in pixels per view step: `refine` finds what lies between them."""
+STEP = 0.08
+"""Largest distance of the slopes tried, in pixels per view step. With .1 or .06 the final pictures are .08 and .03 dB
+worse (nine scenes of sim30)."""
 CHANGE = 0.3
 """Price of a change by one label, in costs of one pixel at which all views disagree."""
 JUMP = 1.5
 """Price of a jump where the picture is level, in the same unit."""
 EDGE = 1.5
 """Difference to the pixel before, in mean differences of neighbours, at which a jump costs half as much."""
-DIRECTIONS = (((0, 1), (0, -1), (1, 1), (-1, -1)), ((1, 0), (-1, 0), (1, -1), (-1, 1)))
-"""Steps along y and x, in two parts that run at the same time: the order of the sum must not depend on threads."""
+UNTRIED = 100.0
+"""Cost of a label that is not tried: more than all others on the way of a path."""
+STRETCH, BEFORE = 64, 32
+"""Pixels of a line that are followed together, and pixels before them from which on they are followed."""
 FARTHEST = STEP
 """Pixels per view step that one refinement may go: no farther than to the next slope tried."""
 SMOOTH = 1e3
@@ -55,72 +63,145 @@ ROUNDS = 16
 """Times that rows and columns are solved: disparities spread farther with each."""
 
 
-def slopes_between(first: float, last: float) -> Tensor:
-    """Slopes to try, at most a step apart, float64, [N]."""
-    return torch.linspace(first, last, 1 + math.ceil((last - first) / STEP - 1e-9), dtype=torch.float64)
+class Labels(NamedTuple):
+    """Even slopes to try; where the host does not know how many are needed, some at the end are not tried."""
+
+    slopes: Tensor
+    """Float64, [N]."""
+    n_tried: Tensor
+    """Number of those that are tried."""
 
 
-def best_slopes(views: GreyViews, slopes: Tensor, noise: float) -> tuple[Tensor, Tensor]:
+def slopes_between(first: float, last: float, device: torch.device | None = None) -> Labels:
+    """Slopes to try, at most a step apart."""
+    count = 1 + math.ceil((last - first) / STEP - 1e-9)
+    slopes = torch.linspace(first, last, count, dtype=torch.float64, device=device)
+    return Labels(slopes, torch.full((), count, device=device))
+
+
+def slopes_within(first: Tensor, last: Tensor, widest: float) -> Labels:
+    """As `slopes_between`, for ends on a device that are at most `widest` apart."""
+    count = 1 + ((last - first) / STEP - 1e-9).ceil().clamp(min=0)
+    place = torch.arange(at_most(count, 1 + math.ceil(widest / STEP)), device=first.device)
+    return Labels(first + (last - first) / (count - 1).clamp(min=1) * place, count)
+
+
+def best_slopes(views: GreyViews, labels: Labels, noise: Tensor) -> tuple[Tensor, Tensor]:
     """The slope of each pixel, among evenly spaced ones [N], and its confidence, [H, W] each.
 
     `noise` is the standard deviation of the differences of views.
     """
-    spread = cost_volume.spread(views, noise).numpy()
+    slopes, spread = labels.slopes, cost_volume.spread(views, noise)
     shares = neighbours.smoothed(cost_volume.disagreements(views, slopes, spread), RADIUS)
-    costs = aggregate(shares, views.central)
-    # The vertex of the parabola through the least cost and its neighbours; end labels have one neighbour, and stay.
-    best, last = costs.argmin(0, keepdim=True), len(costs) - 1
-    before, here, after = (costs.gather(0, (best + step).clamp(0, last)) for step in (-1, 0, 1))
+    is_tried = (torch.arange(len(slopes), device=slopes.device) < labels.n_tried)[:, None, None]
+    costs = aggregate(torch.where(is_tried, shares, UNTRIED), views.central)
+    # The vertex of the parabola through the share there and its neighbours: path costs of neighbours are alike, and
+    # their vertex is too near to the label. End labels have one neighbour, and stay.
+    best, last = costs.argmin(0, keepdim=True), labels.n_tried - 1
+    before, here, after = (shares.gather(0, (best + step).clamp(0, len(slopes) - 1)) for step in (-1, 0, 1))
     rise_before, rise_after = before - here, after - here
-    vertex = (rise_before - rise_after) / (2 * (rise_before + rise_after)).clamp(min=torch.finfo(costs.dtype).tiny)
+    bend = (2 * (rise_before + rise_after)).clamp(min=torch.finfo(costs.dtype).tiny)
+    vertex = ((rise_before - rise_after) / bend).clamp(-0.5, 0.5)
     label = best + torch.where((best > 0) & (best < last), vertex, 0.0)
-    step = float(slopes[1] - slopes[0]) if len(slopes) > 1 else 0.0
+    step = slopes[1] - slopes[0] if len(slopes) > 1 else 0.0
     # How much better the views agree there than on the mean. The floor keeps 0 / 0 of flat views at 0.
-    least, mean = shares.gather(0, best)[0], shares.mean(0)
-    return float(slopes[0]) + step * label[0], ((mean - least) / (mean + 1e-3)).clamp(min=0)
+    least, mean = shares.gather(0, best)[0], torch.where(is_tried, shares, 0.0).sum(0) / labels.n_tried
+    disparity = (slopes[0] + step * label[0]).float()
+    return disparity, ((mean - least) / (mean + 1e-3)).clamp(min=0)
 
 
 def aggregate(costs: Tensor, picture: Tensor) -> Tensor:
     """Path costs summed over all directions, of costs [N, H, W] in [0, 1] and a picture [H, W] that shows the edges."""
-    pixels_first = np.ascontiguousarray(costs.permute(1, 2, 0).numpy())
-    totals = [np.zeros_like(pixels_first) for _ in DIRECTIONS]
-    all_differences = [picture.diff(dim=axis).abs().flatten() for axis in (0, 1)]
-    mean = torch.cat(all_differences).mean() if picture.numel() > 1 else picture.new_ones(())
+    differences = [picture.diff(dim=axis).abs().flatten() for axis in (0, 1)]
+    mean = torch.cat(differences).mean() if picture.numel() > 1 else picture.new_ones(())
     mean = mean.clamp(min=torch.finfo(mean.dtype).tiny)
+    # Price of a jump from the pixel before: above, below, to the left and to the right. Lines begin at the border.
+    jumps = [
+        (JUMP / (1 + (picture - picture.roll(step, axis)).abs() / (EDGE * mean))).clamp(min=CHANGE).float()
+        for axis in (0, 1)
+        for step in (1, -1)
+    ]
+    if not is_known(costs):
+        return _aggregated(costs, jumps)
+    pixels_first = np.ascontiguousarray(costs.permute(1, 2, 0).numpy())
+    totals = [np.zeros_like(pixels_first) for _ in range(2)]  # the order of the sum must not depend on threads
 
-    def follow(part: int) -> None:
-        for down, right in DIRECTIONS[part]:
-            # Price of a jump from the pixel before; pixels that have none before them wrap, and are never read.
-            steepness = (picture - picture.roll((down, right), (0, 1))).abs() / (EDGE * mean)
-            jumps = (JUMP / (1 + steepness)).clamp(min=CHANGE).float().numpy()
-            add_paths(pixels_first, jumps, CHANGE, down, right, totals[part])
+    def follow(axis: int) -> None:
+        for price, is_backwards in zip(jumps[2 * axis : 2 * axis + 2], (False, True), strict=True):
+            add_paths(pixels_first, price.numpy(), CHANGE, axis == 0, is_backwards, STRETCH, BEFORE, totals[axis])
 
-    loops.share(follow, [(part,) for part in range(len(DIRECTIONS))], torch.get_num_threads())
-    return torch.from_numpy(sum(totals[1:], totals[0])).permute(2, 0, 1).contiguous()
+    loops.share(follow, [(axis,) for axis in range(2)], torch.get_num_threads())
+    return torch.from_numpy(totals[0] + totals[1]).permute(2, 0, 1).contiguous()
+
+
+def _aggregated(costs: Tensor, jumps: list[Tensor]) -> Tensor:
+    """As `aggregate`, by PyTorch on any device: the stretches of all lines at once, a pixel at a time."""
+    directions = [
+        (costs.mT, jumps[0].mT),
+        (costs.mT.flip(2), jumps[1].mT.flip(1)),
+        (costs, jumps[2]),
+        (costs.flip(2), jumps[3].flip(1)),
+    ]
+    n_pixels = min(BEFORE + STRETCH, max(costs.shape[1:]))
+    gains = torch.cat([_stretches(-lines, n_pixels) for lines, _ in directions], 1)  # [pixels, lines, N]
+    floors = torch.cat([_stretches(-price[None], n_pixels) for _, price in directions], 1)
+    # Maxima of negative costs: pooling knows no minima. Of a line that has not begun, all are 0.
+    path, paths = torch.zeros_like(gains[0]), []
+    for gain, floor in zip(gains, floors, strict=True):
+        over_best = path - path.amax(1, keepdim=True)
+        changed = F.max_pool1d(over_best[:, None], 3, 1, 1)[:, 0] - CHANGE
+        path = torch.maximum(torch.maximum(over_best, changed), floor) + gain
+        paths.append(path)
+    followed, total = torch.stack(paths), torch.zeros((), device=costs.device)
+    sizes = [lines.shape[1] * _n_stretches(lines.shape[2]) for lines, _ in directions]
+    for n, (part, (lines, _)) in enumerate(zip(followed.split(sizes, 1), directions, strict=True)):
+        own = part if sizes[n] == lines.shape[1] else part[BEFORE:]
+        own = own.unflatten(1, (lines.shape[1], -1)).permute(3, 1, 2, 0).flatten(2).narrow(2, 0, lines.shape[2])
+        own = own.flip(2) if n % 2 else own
+        total = total - (own.mT if n < 2 else own)
+    return total
+
+
+def _n_stretches(length: int) -> int:
+    """Number of stretches of lines of so many pixels; short ones are followed from their begin to their end."""
+    return 1 if length <= BEFORE + STRETCH else (length + STRETCH - 1) // STRETCH
+
+
+def _stretches(lines: Tensor, n_pixels: int) -> Tensor:
+    """Lines [N, L, pixels] cut into stretches with the pixels before them, [n_pixels, L * stretches, N]; 0 beyond."""
+    length = lines.shape[2]
+    n_stretches = _n_stretches(length)
+    sides = (0, n_pixels - length) if n_stretches == 1 else (BEFORE, n_stretches * STRETCH - length)
+    return F.pad(lines, sides).unfold(2, n_pixels, STRETCH).flatten(1, 2).permute(2, 1, 0)
 
 
 @compiled
 def add_paths(
-    costs: Reals, jumps: Reals, change: float, down: int, right: int, total: Reals
+    costs: Reals,
+    jumps: Reals,
+    change: float,
+    is_down: bool,
+    is_backwards: bool,
+    stretch: int,
+    before: int,
+    total: Reals,
 ) -> None:  # pragma: no cover - compiled
-    """Add L_r of one direction (down, right) to a total [H, W, N]; costs [H, W, N], jumps [H, W]."""
+    """Add L_r of one direction to a total [H, W, N]; costs [H, W, N], jumps [H, W]."""
     height, width, n_labels = costs.shape
-    # Only the path costs of this row and of the row before are kept.
-    before, here = np.zeros((width, n_labels), np.float32), np.zeros((width, n_labels), np.float32)
-    for i in range(height):
-        y = i if down >= 0 else height - 1 - i
-        for j in range(width):
-            x = j if right >= 0 else width - 1 - j
-            previous = x - right
-            if 0 <= previous < width and (down == 0 or i > 0):
-                path = here[previous] if down == 0 else before[previous]
-                _extend(costs[y, x], path, np.float32(change), jumps[y, x], here[x])
-            else:  # a line begins here
-                here[x] = costs[y, x]
-            for n in range(n_labels):
-                total[y, x, n] += here[x, n]
-        if down != 0:
-            before, here = here, before
+    n_lines, length = (width, height) if is_down else (height, width)
+    path = np.zeros((2, n_labels), np.float32)
+    stretch = length if length <= before + stretch else stretch
+    for line in range(n_lines):
+        for first in range(0, length, stretch):
+            path[:] = 0  # of a line that has not begun
+            for i in range(max(first - before, 0), min(first + stretch, length)):
+                place = length - 1 - i if is_backwards else i
+                y, x = (place, line) if is_down else (line, place)
+                here = path[i % 2]
+                _extend(costs[y, x], path[1 - i % 2], np.float32(change), jumps[y, x], here)
+                if i >= first:
+                    for n in range(n_labels):
+                        total[y, x, n] += here[n]
 
 
 @inlined
@@ -139,10 +220,10 @@ def _extend(costs: Reals, path: Reals, change: float, jump: float, here: Reals) 
         here[n] += costs[n] - least
 
 
-def refine(views: GreyViews, disparity: Tensor, noise: float, first: float, last: float) -> Tensor:
+def refine(views: GreyViews, disparity: Tensor, noise: Tensor, first: float, last: float) -> Tensor:
     """A disparity map [H, W] that is right to about `STEP` with its fractions, between `first` and `last`, float32."""
-    coefficients, spread = splines.coefficients(views.samples), cost_volume.spread(views, noise).numpy()
-    variance = noise**2 + cost_volume.LEAST_NOISE**2
+    coefficients, spread = splines.coefficients(views.samples.numpy()), cost_volume.spread(views, noise).numpy()
+    variance = float(noise) ** 2 + cost_volume.LEAST_NOISE**2
     for _ in range(2):
         information, steps = gauss_newton(views, coefficients, disparity.float().numpy(), spread)
         target = disparity + steps.clamp(-FARTHEST, FARTHEST)
@@ -159,13 +240,12 @@ def gauss_newton(
 ) -> tuple[Tensor, Tensor]:
     """Information (sum w c^2) and step of each pixel, [H, W] each; spline coefficients of the views [K, H, W]."""
     information, steps = np.empty_like(disparity), np.empty_like(disparity)
+    positions, middle = views.positions.float().numpy(), np.array(views.middle)
     n_threads = loops.worthwhile(disparity.size, 1 << 10)  # pixels from which one more thread pays
 
     def work(first: int, last: int) -> None:
         rows = slice(first, last)
-        find_steps(
-            coefficients, views.positions, views.middle, disparity, spread, first, information[rows], steps[rows]
-        )
+        find_steps(coefficients, positions, middle, disparity, spread, first, information[rows], steps[rows])
 
     loops.share(work, loops.bands(len(disparity), n_threads), n_threads)
     return torch.from_numpy(information), torch.from_numpy(steps)

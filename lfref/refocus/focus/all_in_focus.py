@@ -187,7 +187,8 @@ def extended_focus(
 
 def _picture(views: Tensor, aperture: Tensor, positions: Tensor | None, disparity: Tensor) -> Tensor:
     """One light field [V, U, C, H, W] as one picture [C, H, W]."""
-    weights, places = _weighed(cost_volume.grey_views(views, aperture, positions), disparity)
+    grey = cost_volume.grey_of(views, aperture)
+    weights, places = _weighed(cost_volume.grey_views(grey, aperture, positions), disparity)
     d, is_read = disparity.numpy(), (aperture > 0).to(views.device)
     n_threads = loops.worthwhile(disparity.numel(), 1 << 10)  # pixels from which one more thread pays
     channels = []
@@ -208,15 +209,16 @@ def _weighed(light: GreyViews, disparity: Tensor) -> tuple[Reals, Reals]:
     d = disparity.numpy()
     noise = cost_volume.noise(light, torch.linspace(float(disparity.min()), float(disparity.max()), 9))
     spread = cost_volume.spread(light, noise).numpy()
-    coefficients = splines.coefficients(light.samples, in_place=True)
+    coefficients = splines.coefficients(light.samples.numpy(), in_place=True)
+    positions, middle = light.positions.float().numpy(), np.array(light.middle)
     weights = np.empty((*disparity.shape, len(light.samples)), np.float32)
     n_threads = loops.worthwhile(disparity.numel(), 1 << 10)
 
     def weigh(first: int, last: int) -> None:
-        weigh_views(coefficients, light.positions, light.middle, d, spread, first, weights[first:last])
+        weigh_views(coefficients, positions, middle, d, spread, first, weights[first:last])
 
     loops.share(weigh, loops.bands(len(disparity), n_threads), n_threads)
-    return weights, light.positions
+    return weights, positions
 
 
 @compiled

@@ -76,6 +76,8 @@ SURE = 0.5
 """Confidence from which a disparity counts."""
 TOGETHER = 0.1
 """Reduced pixels per view step by which neighbours on one surface differ at most."""
+RARE = 0.02
+"""Share of the surfaces at either end of a range that are not common: gloss, highlights, and errors."""
 STRAYS = 0.005
 """Share of the sure pixels beyond either end of the range."""
 LEAST_SHARE = 0.1
@@ -403,8 +405,10 @@ class DisparityRange(NamedTuple):
     """Mean."""
     high: float
     """Upper end."""
-    sure: tuple[float, float] | None = None
-    """Ends between which surfaces were found for sure; None: that was not examined."""
+    sure: tuple[float, float]
+    """Ends between which surfaces were found for sure."""
+    common: tuple[float, float]
+    """Ends without the `RARE` share of the surfaces at either side."""
 
 
 @torch.no_grad()
@@ -434,7 +438,8 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
         min(last + spare, widest),
     )
     low, middle, high, first, last = (swept.factor * value for value in (low, middle, high, first, last))
-    return DisparityRange(low, middle, high, (first, last))
+    common = swept.disparity[sure].quantile(torch.tensor([RARE, 1 - RARE])).tolist()
+    return DisparityRange(low, middle, high, (first, last), (common[0], common[1]))
 
 
 @torch.no_grad()

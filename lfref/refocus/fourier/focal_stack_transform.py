@@ -12,10 +12,9 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import fft_lengths
+from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
-from lfref.refocus.fourier import exact
 
 
 def focal_stack_transform(
@@ -54,9 +53,9 @@ def focal_stack_transform(
     grid, size = batches.grid_and_size(batch)
     slopes = geometry.checked_slopes(geometry.even_slopes(n_planes, first, last), grid, size)
     aperture = batches.checked_weights(weights, grid)
-    device, dtype = views.device, exact.complex_dtype(views.dtype)
-    ky, kx = exact.frequencies(size[0]), exact.half_frequencies(size[1])
-    rows = exact.shift_phases(ky, slopes[:, None] * geometry.angular_offsets(grid[0]))
+    device, dtype = views.device, fourier.complex_dtype(views.dtype)
+    ky, kx = fourier.frequencies(size[0]), fourier.half_frequencies(size[1])
+    rows = torch.complex(*fourier.shift_phases(ky, slopes[:, None] * geometry.angular_offsets(grid[0])))
     before, between, after = _chirps(slopes, grid[1], kx)
     rows, before, between, after = (factors.to(device, dtype) for factors in (rows, before, between, after))
     # Spectra of the planes in bands of rows, [B, N, C, h, W // 2 + 1]: the padded sums stay small beside the stack.
@@ -75,7 +74,9 @@ def focal_stack_transform(
     # The columns were shifted by one sign of the Nyquist bin. With the rows transformed back, that bin holds a real
     # signal times its factor, so the mean of both signs is the real part, which not every inverse transform takes.
     planes = [
-        torch.fft.irfft(exact.real_at_nyquist(torch.fft.ifft(plane, dim=-2), kx.to(device)), n=size[1])
+        torch.fft.irfft(
+            torch.complex(*fourier.real_at_nyquist(torch.fft.ifft(plane, dim=-2), kx.to(device))), n=size[1]
+        )
         for plane in stack.unbind(1)
     ]
     return batches.restored(torch.stack(planes, dim=1), views)
@@ -105,7 +106,7 @@ def _chirps(slopes: Tensor, n_views: int, kx: Tensor) -> tuple[Tensor, Tensor, T
     n_planes, frequencies = len(slopes), kx[None, None, :]
     middle, step = (slopes[0] + slopes[-1]) / 2, (slopes[-1] - slopes[0]) / max(n_planes - 1, 1)
     u, j = (geometry.angular_offsets(n)[:, None, None, None] for n in (n_views, n_planes))
-    padded = fft_lengths.next_fast(n_views + n_planes - 1)
+    padded = fourier.next_fast(n_views + n_planes - 1)
     lag = torch.arange(padded, dtype=torch.float64)[:, None, None, None]
     lag = torch.where(lag < n_planes, lag, lag - padded) + j[0] - u[0]
     return (

@@ -19,12 +19,12 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import chosen
-from lfref.functional import fft_lengths
-from lfref.refocus.fourier import exact
+from lfref.functional import fourier, positive_definite
+from lfref.functional.devices import sent
+from lfref.functional.fourier import Frame
 
 SPARE = 2
 """Pixels of a period beyond the reach of shifts, for the support of interpolation and blur."""
@@ -34,9 +34,9 @@ class Matrices(NamedTuple):
     """A matrix at each frequency (y, x): `sum_t rows[..., t, y] columns[..., t, x]`; both real or both complex."""
 
     rows: Tensor
-    """Float64 or complex128, CPU, [m, n, T, h]."""
+    """Float64 or complex128, [m, n, T, h]."""
     columns: Tensor
-    """Float64 or complex128, CPU, [m, n, T, w]."""
+    """Float64 or complex128, [m, n, T, w]."""
 
     def times(self, other: "Matrices") -> "Matrices":
         """The product, element by element: each term of one with each term of the other."""
@@ -54,68 +54,52 @@ def aperture_response(distances: Tensor, aperture: Tensor, size: tuple[int, int]
     """D at each distance s - d [m, n] for pictures of a size (H, W): real where opposite views weigh the same."""
     # The singular value decomposition writes the weights as few products of a row and a column (one for a square),
     # so that D becomes few products of sums over the rows and sums over the columns.
-    negligible = 1e-12  # of singular values and factors: float64 cannot tell it from 0
+    negligible = 1e-12  # of singular values: float64 cannot tell it from 0
     left, strength, right = torch.linalg.svd(aperture, full_matrices=False)
     rank = int((strength > negligible * strength[0]).sum())
-    sums = []
-    for frequencies, weights in (
-        (exact.frequencies(size[0]), left[:, :rank] * strength[:rank]),
-        (exact.half_frequencies(size[1]), right[:rank].T),
-    ):
-        turns = distances[..., None] * geometry.angular_offsets(len(weights))
-        angle = 2 * torch.pi * turns[..., None] * frequencies
-        sums.append(weights.T.to(torch.complex128) @ torch.polar(torch.ones_like(angle), angle))
-    down, across = sums
+    terms = left[:, :rank] * strength[:rank], right[:rank].T
+    device = distances.device
+    (down, down_sines), (across, across_sines) = (
+        _sums(distances, sent(weights, device), frequencies)
+        for frequencies, weights in zip(
+            (fourier.frequencies(size[0], device), fourier.half_frequencies(size[1], device)), terms, strict=True
+        )
+    )
     if not torch.allclose(aperture, aperture.flip(0, 1), rtol=negligible, atol=0):
-        return Matrices(down, across)
-    # The imaginary part of the product cancels; its real part is down.real across.real - down.imag across.imag.
-    rows, columns = torch.cat([down.real, -down.imag], -2), torch.cat([across.real, across.imag], -2)
-    # Terms that vanish are dropped: rows and columns that are symmetric themselves have no imaginary part.
-    counts = (rows.abs().amax((0, 1, 3)) > negligible) & (columns.abs().amax((0, 1, 3)) > negligible)
-    return Matrices(rows[..., counts, :], columns[..., counts, :])
+        return Matrices(torch.complex(down, down_sines), torch.complex(across, across_sines))
+    # The imaginary part of the product cancels; its real part is the product of both cosines less that of both sines.
+    # Rows and columns that are symmetric themselves have no sines.
+    has_sines = [
+        n for n in range(rank) if not all(torch.allclose(part[:, n], part[:, n].flip(0), atol=1e-9) for part in terms)
+    ]
+    rows = torch.cat([down, -down_sines[..., has_sines, :]], -2)
+    return Matrices(rows, torch.cat([across, across_sines[..., has_sines, :]], -2))
+
+
+def _sums(distances: Tensor, weights: Tensor, frequencies: Tensor) -> Tensor:
+    """Cosines and sines of light at distances [m, n], summed over views by weights [V, T]: [2, m, n, T, K]."""
+    turns = distances[..., None] * geometry.angular_offsets(len(weights), distances.device)
+    return weights.T @ fourier.waves(turns[..., None] * frequencies)
 
 
 def cell_response(distances: Tensor, fill_factor: float, size: tuple[int, int]) -> Matrices:
     """c at each distance [m, n], for cells `fill_factor` view steps wide; otherwise as `aperture_response`."""
-    frequencies = exact.frequencies(size[0]), exact.half_frequencies(size[1])
+    device = distances.device
+    frequencies = fourier.frequencies(size[0], device), fourier.half_frequencies(size[1], device)
     return Matrices(*(torch.sinc(fill_factor * distances[..., None, None] * k) for k in frequencies))
 
 
-class Frame(NamedTuple):
-    """Where a picture lies in one period of a periodic one: the room around it keeps opposite borders apart."""
-
-    size: tuple[int, int]
-    """Height and width (H, W) of the picture."""
-    first: tuple[int, int]
-    """Row and column of its first pixel in the period."""
-    period: tuple[int, int]
-    """Height and width (h, w) of the period."""
-
-    def extend(self, pictures: Tensor) -> Tensor:
-        """Periods [..., h, w] that hold the pictures [..., H, W], the outermost pixels repeated around them."""
-        if self.period == self.size:
-            return pictures
-        (height, width), (top, left) = self.period, self.first
-        sides = (left, width - left - self.size[1], top, height - top - self.size[0])
-        padded = F.pad(pictures.reshape(1, -1, *self.size), sides, mode="replicate")
-        return padded.reshape(*pictures.shape[:-2], *self.period)
-
-    def within(self, periods: Tensor) -> Tensor:
-        """The pictures [..., H, W] in periods [..., h, w]."""
-        (top, left), (height, width) = self.first, self.size
-        return periods[..., top : top + height, left : left + width]
-
-    def pictures(self, spectra: Tensor) -> Tensor:
-        """Pictures [..., H, W] in the periods with these spectra [..., h, w // 2 + 1]."""
-        return self.within(torch.fft.irfft2(spectra, s=self.period))
-
-
-def make_frame(border: str, size: tuple[int, int], reach: float) -> Frame:
-    """The frame of pictures of a size (H, W), with room for shifts by `reach` pixels where the border is `edge`."""
-    room = chosen("border", border, {"edge": int(reach) + SPARE, "wrap": None})
-    if room is None:
+def make_frame(border: str, size: tuple[int, int], reaches: tuple[float, float]) -> Frame:
+    """The frame of pictures of a size (H, W); where the border is `edge`, with room for shifts down and across by so
+    many pixels."""
+    if not chosen("border", border, {"edge": True, "wrap": False}):
         return Frame(size, (0, 0), size)
-    height, width = (fft_lengths.next_fast(length + 2 * room) for length in size)
+    if torch.compiler.is_exporting():  # a file transforms any length at the same speed
+        down, across = reaches[0] + SPARE, reaches[1] + SPARE  # whole numbers, which `int` would read
+        return Frame(size, (down, across), (size[0] + 2 * down, size[1] + 2 * across))  # type: ignore[arg-type]
+    height, width = (
+        fourier.next_fast(length + 2 * (int(reach) + SPARE)) for length, reach in zip(size, reaches, strict=True)
+    )
     return Frame(size, ((height - size[0]) // 2, (width - size[1]) // 2), (height, width))
 
 
@@ -128,7 +112,7 @@ def solve(spectra: Tensor, matrices: Matrices, diagonal: Tensor) -> Tensor:
     """Spectra x, [B, n, C, h, w], for which (matrices + diagonal) x are the given ones; sums are positive definite."""
 
     def step(small: Tensor, numbers: Tensor) -> Tensor:
-        return torch.cholesky_solve(numbers, torch.linalg.cholesky(small + torch.diag(diagonal).to(small)))
+        return torch.cholesky_solve(numbers, positive_definite.cholesky(small + torch.diag(diagonal).to(small)))
 
     return _at_all(spectra, matrices, step)
 

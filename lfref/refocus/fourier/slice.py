@@ -22,6 +22,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError, chosen
+from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.fourier import exact
@@ -102,11 +103,13 @@ def fourier_slice(
     planes = geometry.checked_slopes(slopes, grid, size)
     padded = [math.ceil(padding * n_views) for n_views in grid]
     readers = [kernel_of(width, m / n_views) for n_views, m in zip(grid, padded, strict=True)]
-    axes = zip(grid, padded, readers, (exact.frequencies(size[0]), exact.half_frequencies(size[1])), strict=True)
+    axes = zip(grid, padded, readers, (fourier.frequencies(size[0]), fourier.half_frequencies(size[1])), strict=True)
     rows, columns = (
-        exact.real_at_nyquist(_read(planes[:, None] * k, n_views, m, reader), k) for n_views, m, reader, k in axes
+        fourier.real_at_nyquist(_read(planes[:, None] * k, n_views, m, reader), k) for n_views, m, reader, k in axes
     )
-    stack = exact.filter_and_sum(batch, rows, columns, batches.checked_weights(weights, grid))
+    rows, columns = (factors.to(views.device) for factors in (rows, columns))
+    aperture = batches.checked_weights(weights, grid)
+    stack = exact.filter_and_sum(batches.without_unread(batch, aperture), rows, columns, aperture)
     return batches.restored(stack, views)
 
 

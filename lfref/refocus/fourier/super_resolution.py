@@ -24,10 +24,10 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
+from lfref.functional import fourier
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.axis_filters import DECAY, OUTER
-from lfref.refocus.fourier import exact
 from lfref.refocus.fourier.exact import exact_fourier
 
 RIDGE = 0.03
@@ -89,7 +89,7 @@ def in_focus(views: Tensor, slope: float, factor: int, aperture: Tensor) -> Tens
     down, across = (
         _phases(length, factor, n, slope) for length, n in zip(views.shape[-2:], aperture.shape, strict=True)
     )
-    sums = torch.zeros((), dtype=exact.complex_dtype(views.dtype), device=views.device)  # E, [B, C, r, H, r, W]
+    sums = torch.zeros((), dtype=fourier.complex_dtype(views.dtype), device=views.device)  # E, [B, C, r, H, r, W]
     for row, row_phases, weights in zip(views.unbind(1), down, aperture, strict=True):
         spectra = torch.fft.fft2(batches.radiance(row))
         total = torch.einsum("buchw,urw->bchrw", spectra, (across * weights[:, None, None]).to(spectra))
@@ -134,7 +134,7 @@ def band_limited(stack: Tensor, factor: int) -> Tensor:
         q = _frequencies(length, factor).abs()
         is_lowest = (q == q.amin(0)).double()
         axes.append(is_lowest / is_lowest.sum(0) / torch.where(is_lowest > 0, _mean(length, factor), 1))
-    factors = (factor**2 * axes[0][:, :, None, None] * axes[1]).to(stack.device, exact.complex_dtype(stack.dtype))
+    factors = (factor**2 * axes[0][:, :, None, None] * axes[1]).to(stack.device, fourier.complex_dtype(stack.dtype))
     return _picture(torch.fft.fft2(stack)[..., None, :, None, :] * factors)
 
 
@@ -170,7 +170,7 @@ def _picture(spectrum: Tensor) -> Tensor:
 
 def _frequencies(length: int, factor: int) -> Tensor:
     """The q of every k, in cycles per pixel of the views, float64, [r, length]."""
-    return (factor * exact.frequencies(factor * length)).reshape(factor, length)
+    return (factor * fourier.frequencies(factor * length)).reshape(factor, length)
 
 
 def _mean(length: int, factor: int) -> Tensor:

@@ -29,10 +29,11 @@ from torch import Tensor
 
 from lfref.functional import loops
 from lfref.functional.loops import compiled, compiling, inlined
-from lfref.refocus import batches, footprint, sampling
+from lfref.refocus import batches, footprint
 from lfref.refocus.footprint import RowFactors
 from lfref.refocus.sampling import TAPS, Integers, Reals, add_taps, rounded_up, set_taps
 from lfref.refocus.shift.shift_plan import Plan
+from lfref.refocus.shift.shifts import combined
 
 
 class ViewMemory(NamedTuple):
@@ -131,7 +132,7 @@ def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
     working = np.dtype(np.float64 if views.dtype == torch.float64 else np.float32)
     tables = _tables(plan, working, batches.FULL_SCALE.get(views.dtype, 1))
     # NumPy asks the system for large pages, which are far cheaper to touch for the first time.
-    stack = np.empty((len(views), len(plan.planes), views.shape[3], *plan.size), working)
+    stack = np.empty((len(views), len(plan.rows), views.shape[3], *plan.size), working)
     sources = [_memory(field, tables, plan) for field in samples]
     n_threads = loops.worthwhile(stack.size, 1 << 18)  # samples from which one more thread pays
     first = np.concatenate([[0], np.cumsum(tables.down.highest - tables.down.lowest + 1)])
@@ -148,8 +149,8 @@ def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
 
     jobs = itertools.product(range(len(views)), loops.bands(plan.size[0], n_threads))
     loops.share(refocus, jobs, n_threads)
-    if any(widths := [shifts.width for shifts in plan.planes]):
-        footprint.box_planes(stack, widths, plan.border, tables.blurred)
+    if any(plan.widths):
+        footprint.box_planes(stack, plan.widths, plan.border, tables.blurred)
     return torch.from_numpy(stack)
 
 
@@ -174,29 +175,14 @@ def _memory(field: NDArray, tables: Tables, plan: Plan) -> ViewMemory:
 
 @functools.lru_cache(maxsize=16)
 def _tables(plan: Plan, working: np.dtype, full_scale: int) -> Tables:
-    (height, width), factors = plan.size, []
-    for shifts in plan.planes:
-        if not plan.border.counts_only_samples:
-            factors.append(RowFactors(np.ones((1, width), working), np.zeros(height, np.int64)))
-            continue
-        # Rows that the same lines have a sample in, and around them, are of one kind: they share their factors.
-        has_sample = sampling.sampled(shifts.rows, height)
-        around = footprint.boxed(has_sample, shifts.width, plan.border, axes=[-1])
-        _, first, kinds = np.unique(
-            np.concatenate([has_sample, around]), axis=1, return_index=True, return_inverse=True
-        )
-        if shifts.width > 0:
-            covered = plan.coverage(shifts)
-            covered, blurred = covered[first], footprint.boxed(covered, shifts.width, plan.border)[first]
-        else:
-            covered = blurred = plan.coverage(shifts, first)
-        factors.append(RowFactors(footprint.inverse(covered, blurred).numpy(), kinds))
+    (height, width), n_planes = plan.size, len(plan.rows)
+    own = [_factors(plan, n) for n in range(n_planes)]
     # A plane that is blurred is divided by its coverage after that, not before.
-    scale = np.zeros((len(factors), max(len(own.factors) for own in factors), width), working)
-    kinds = np.zeros((len(factors), height), np.int64)
-    for n, (own, shifts) in enumerate(zip(factors, plan.planes, strict=True)):
-        scale[n, : len(own.factors)] = (1.0 if shifts.width > 0 else own.factors) / full_scale
-        kinds[n] = 0 if shifts.width > 0 else own.kinds
+    scale = np.zeros((n_planes, max(len(each.factors) for each in own), width), working)
+    kinds = np.zeros((n_planes, height), np.int64)
+    for n, (each, box) in enumerate(zip(own, plan.widths, strict=True)):
+        scale[n, : len(each.factors)] = (1.0 if box > 0 else each.factors) / full_scale
+        kinds[n] = 0 if box > 0 else each.kinds
     rows, columns = (plan.border.indices(plan.reach, length).numpy() for length in plan.size)
     columns = np.concatenate([columns, np.full(rounded_up(width) - width, -1)])
     return Tables(
@@ -205,8 +191,24 @@ def _tables(plan: Plan, working: np.dtype, full_scale: int) -> Tables:
         _horizontal(plan, columns.size, working),
         _vertical(plan, working),
         RowFactors(scale, kinds),
-        [RowFactors(own.factors.astype(working), own.kinds) for own in factors],
+        [RowFactors(each.factors.astype(working), each.kinds) for each in own],
     )
+
+
+def _factors(plan: Plan, n: int) -> RowFactors:
+    """One over the weight of the samples that count in plane n."""
+    if not plan.border.counts_only_samples:
+        return RowFactors(np.ones((1, plan.size[1])), np.zeros(plan.size[0], np.int64))
+    shifts, aperture = plan.shifts(n), torch.tensor(plan.aperture, dtype=torch.float64)
+    rows, columns = shifts.sampled(plan.size)
+    blurred = shifts.blurred(rows, plan.border)
+    # Rows that the same lines have a sample in, and around them, are of one kind: they share their factors.
+    _, first, kinds = np.unique(
+        torch.cat([rows[0], blurred[0]]).numpy(), axis=1, return_index=True, return_inverse=True
+    )
+    covered = combined(rows[..., first], columns, aperture)
+    share = combined(blurred[..., first], shifts.blurred(columns, plan.border), aperture)
+    return RowFactors(footprint.inverse(covered, share)[0].numpy(), kinds)
 
 
 def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
@@ -214,9 +216,9 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
     parts = [aperture] if plan.is_separable else np.split(aperture, len(aperture))
     # The taps (u, start, weight, columns served) of every plane and line, without views and samples of weight 0.
     planes: list[list[list[tuple[int, int, float, tuple[int, int]]]]] = []
-    for shifts in plan.planes:
+    for lines in plan.columns:
         planes.append([])
-        for columns, part in zip(shifts.columns, parts, strict=True):
+        for columns, part in zip(lines, parts, strict=True):
             line = []
             for u, shift in enumerate(columns):
                 for offset, weight in plan.interpolation.taps(shift) if part[:, u].sum() > 0 else ():
@@ -245,9 +247,9 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
 
 
 def _vertical(plan: Plan, working: np.dtype) -> Vertical:
-    taps = np.array([[plan.interpolation.taps(shift) for shift in shifts.rows] for shifts in plan.planes])
+    taps = np.array([[plan.interpolation.taps(shift) for shift in rows] for rows in plan.rows])
     is_open = np.array(plan.aperture).sum(axis=1) > 0
-    spans = np.array([[plan.span(shift, 0) for shift in shifts.rows] for shifts in plan.planes])
+    spans = np.array([[plan.span(shift, 0) for shift in rows] for rows in plan.rows])
     offsets, weights = taps[..., 0].astype(np.int64), (taps[..., 1] * is_open[:, None]).astype(working)
     # Offsets of taps without weight must not lengthen the ring of unfinished rows.
     offsets = np.where(weights != 0, offsets, offsets[:, :1, :1])

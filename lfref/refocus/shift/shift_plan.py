@@ -1,39 +1,25 @@
-"""What shift-and-sum has to compute for some planes, apart from the views: one plan for PyTorch and Numba.
-
-Letters: `v u` view row and column, `s` slope in pixels per view step, `R M` lines of views and views in each
-(`batches.lines`).
-"""
+"""What the compiled loops of shift-and-sum compute for some planes, apart from the views, as plain numbers."""
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.errors import chosen
-from lfref.refocus import batches, sampling
-from lfref.refocus.sampling import BORDERS, INTERPOLATIONS, Border, Interpolation
-
-
-class Shifts(NamedTuple):
-    """Shifts of the views for one plane, and the blur of their sum, in pixels."""
-
-    rows: tuple[float, ...]
-    """Vertical shift of each line, [R]."""
-    columns: tuple[tuple[float, ...], ...]
-    """Horizontal shift of each view of a line, [R, M]; [1, M] if all lines are alike."""
-    width: float = 0.0
-    """Width of the box that blurs the sum; 0: none."""
+from lfref.refocus import footprint
+from lfref.refocus.sampling import Border, Interpolation
+from lfref.refocus.shift.shifts import Shifts
 
 
 class Plan(NamedTuple):
-    """The planes to be summed; plain numbers, so that equal plans are one key of a cache."""
+    """The planes to be summed; equal plans are one key of a cache. N planes, R lines of views, M views in each."""
 
-    planes: tuple[Shifts, ...]
-    """[N]."""
+    rows: tuple[tuple[float, ...], ...]
+    """Vertical shift of each line in pixels, [N, R]."""
+    columns: tuple[tuple[tuple[float, ...], ...], ...]
+    """Horizontal shift of each view of a line, [N, R, M]; [N, 1, M] if all lines are alike."""
+    widths: tuple[float, ...]
+    """Width of the box that blurs each sum, in pixels, [N]; 0: none."""
     aperture: tuple[tuple[float, ...], ...]
     """Weight of each view, of sum 1, by lines, [R, M]."""
     size: tuple[int, int]
@@ -44,47 +30,38 @@ class Plan(NamedTuple):
     @property
     def is_separable(self) -> bool:
         """Whether all lines have their views at the same columns."""
-        return all(len(shifts.columns) == 1 for shifts in self.planes)
+        return all(len(columns) == 1 for columns in self.columns)
 
     @property
     def reach(self) -> int:
         """Samples beyond the edge that may be read."""
-        largest = max(abs(shift) for plane in self.planes for line in (plane.rows, *plane.columns) for shift in line)
-        return math.ceil(largest) + 1
+        lines = (*self.rows, *(line for plane in self.columns for line in plane))
+        return math.ceil(max(abs(shift) for line in lines for shift in line)) + 1
 
     def span(self, shift: float, axis: int) -> tuple[int, int]:
         """First and one-past-last output sample that a view shifted along an axis of [H, W] counts for."""
-        length = self.size[axis]
-        return sampling.sampled_span(shift, length) if self.border.counts_only_samples else (0, length)
+        return self.border.span(shift, self.size[axis])
 
-    def coverage(self, shifts: Shifts, chosen_rows: NDArray[np.int64] | None = None) -> Tensor:
-        """Share of the aperture with a sample at each pixel of a plane, float64, CPU, [H, W] or chosen rows of it."""
-        rows = sampling.sampled(shifts.rows, self.size[0])
-        rows = rows if chosen_rows is None else rows[:, chosen_rows]
-        columns = torch.stack([sampling.sampled(line, self.size[1]) for line in shifts.columns])
-        aperture = torch.tensor(self.aperture, dtype=torch.float64)
-        if len(columns) == 1:
-            return torch.einsum("vy,vu,ux->yx", rows, aperture, columns[0])
-        return rows.T @ torch.einsum("vu,vux->vx", aperture, columns)
+    def shifts(self, n: int) -> Shifts:
+        """Those of plane n as tensors."""
+        rows, columns, widths = (
+            torch.tensor([own[n]], dtype=torch.float64) for own in (self.rows, self.columns, self.widths)
+        )
+        return Shifts(
+            rows, columns, footprint.taps(widths, footprint.radius(self.widths[n])) if self.widths[n] > 0 else None
+        )
 
 
 def plan(
-    planes: Tensor,
-    grid: tuple[int, int],
+    shifts: Shifts,
+    widths: list[float] | None,
+    aperture: Tensor,
     size: tuple[int, int],
-    interpolation: str = "linear",
-    border: str = "renormalize",
-    weights: Tensor | None = None,
-    widths: Sequence[float] | None = None,
-    positions: Tensor | None = None,
+    interpolation: Interpolation,
+    border: Border,
 ) -> Plan:
-    """The plan of refocusing at slopes that `batches.checked_slopes` let pass; `widths` of boxes in pixels, [N]."""
-    method, cameras = chosen("interpolation", interpolation, INTERPOLATIONS), batches.lines(grid, positions)
-    offsets = [cameras.rows.tolist(), *cameras.columns.tolist()]
-    shifts = []
-    for slope, width in zip(planes.tolist(), widths or [0.0] * len(planes), strict=True):
-        rows, *columns = (tuple([method.snap(slope * offset) for offset in line]) for line in offsets)
-        shifts.append(Shifts(rows, tuple(columns), width))
-    aperture = batches.checked_weights(weights, grid).reshape(cameras.shape).tolist()
-    rule = chosen("border", border, BORDERS)
-    return Plan(tuple(shifts), tuple(map(tuple, aperture)), size, method, rule)
+    """The plan of shifts and of widths [N] of boxes, for an aperture [R, M] of sum 1."""
+    rows, columns, weights = (part.tolist() for part in (shifts.rows, shifts.columns, aperture))
+    boxes = widths or [0.0] * len(rows)
+    planes = tuple(tuple(map(tuple, plane)) for plane in columns)
+    return Plan(tuple(map(tuple, rows)), planes, tuple(boxes), tuple(map(tuple, weights)), size, interpolation, border)

@@ -9,8 +9,11 @@ import torch
 from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.refocus import batches
+from lfref.refocus.disparity import disparity_map as module
 from lfref.refocus.disparity.disparity_map import coarse_disparity, disparity_map, estimate_range, order_score
 from lfref.refocus.focus.all_in_focus import extended_focus
+from lfref.refocus.focus.line_range import wide_range
+from lfref.refocus.fourier import energies
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import dirichlet, layered_views, shifted_views, texture
@@ -98,7 +101,9 @@ def test_cameras_anywhere_show_the_same_disparities():
 @pytest.mark.parametrize("name", ["leaves", "twigs", "deep", "wall"])
 def test_the_estimated_range_holds_what_the_central_view_shows(name):
     simulated = simulate(sim30.SCENES[name], outputs=["views", "disparity"])
-    low, high = estimate_range(simulated.views, batches.checked_weights(None, (7, 7)))
+    views, aperture = simulated.views, batches.checked_weights(None, (7, 7))
+    grey, known = views.mean(2), wide_range(views, aperture)
+    low, high = estimate_range(grey, aperture, energies.farthest(known), energies.energy_range(grey, aperture, known))
     inside = (simulated.disparity > low) & (simulated.disparity < high)
     assert float(inside.float().mean()) > 0.98
     assert high - low < 1.4 * float(simulated.disparity.max() - simulated.disparity.min()) + 0.6
@@ -127,7 +132,7 @@ def test_where_nothing_hides_anything_there_is_no_order(kind):
     assert abs(order_score(views, disparity, torch.ones(40, 48))) < 0.5
 
 
-def test_a_light_is_refocused_where_it_is_although_weak_texture_outvotes_it():
+def test_a_light_is_refocused_where_it_is_although_weak_texture_outvotes_it(monkeypatch):
     textured = shifted_views(texture(3, 72, 96), -1.0, (7, 7))
     y, x = torch.arange(72.0)[:, None], torch.arange(96.0)
     views = 0.1 + 0.1 * textured.float()
@@ -135,7 +140,11 @@ def test_a_light_is_refocused_where_it_is_although_weak_texture_outvotes_it():
         distance = (y - 36 + 0.6 * (v - 3)).hypot(x - 48 + 0.6 * (u - 3))
         views[v, u] += 4 * (5 - distance).clamp(0, 1)
     far, inside = is_border((72, 96), 8), (y - 36).hypot(x - 48) < 4
-    disparity, voted = coarse_disparity(views), disparity_map(views).disparity
+    grey = views.mean(2)
+    held = energies.energy_range(grey, batches.checked_weights(None, (7, 7)), None)
+    disparity = coarse_disparity(grey, None, held)
+    monkeypatch.setattr(module, "LIGHT", math.inf)  # nothing is a light
+    voted = coarse_disparity(grey, None, held)
     assert float((voted[inside] + 0.6).abs().median()) > 0.2
     assert float((disparity[inside] + 0.6).abs().median()) < 0.06
     around = (y - 36).hypot(x - 48) < 14

@@ -1,4 +1,4 @@
-"""Matching: path costs of all paths tried one by one, planes to thousandths, the smooth map of a dense solver."""
+"""Matching: path costs by their recurrence written out, planes to thousandths, the smooth map of a dense solver."""
 
 import itertools
 
@@ -12,23 +12,39 @@ from lfref.refocus.disparity.cost_volume import grey_views
 from tests.refocus.conftest import shifted_views, texture
 
 
-@pytest.mark.parametrize("direction", [step for part in matching.DIRECTIONS for step in part])
-def test_a_path_costs_what_the_cheapest_of_all_paths_costs(direction):
-    (down, right), change = direction, 0.3
-    random = np.random.default_rng(5)
-    costs, jumps = random.random((4, 4, 4)).astype(np.float32), (1 + random.random((4, 4))).astype(np.float32)
-    total = np.zeros_like(costs)
-    matching.add_paths(costs, jumps, change, down, right, total)
-    # The line that ends at one of the pixels which a whole diagonal, row or column leads to.
-    line = [(3 * (down < 0) + down * i, 3 * (right < 0) + right * i) for i in range(4)]
-    cheapest = np.full(4, np.inf)
-    for labels in itertools.product(range(4), repeat=4):
-        here = sum(float(costs[y, x, label]) for (y, x), label in zip(line, labels, strict=True))
-        for i, (a, b) in enumerate(itertools.pairwise(labels)):
-            here += 0.0 if a == b else change if abs(a - b) == 1 else float(jumps[line[i + 1]])
-        cheapest[labels[-1]] = min(cheapest[labels[-1]], here)
-    costs_here = total[line[-1]]
-    np.testing.assert_allclose(costs_here - costs_here.min(), cheapest - cheapest.min(), atol=1e-5)
+def slow_paths(costs, jumps, step):
+    """L_r of one direction by the module's recurrence, pixel by pixel from the border on, [H, W, N]."""
+    (height, width, n_labels), (down, right) = costs.shape, step
+    path = np.zeros(costs.shape)
+    for y, x in itertools.product(range(height)[:: down or 1], range(width)[:: right or 1]):
+        path[y, x] = costs[y, x]
+        if 0 <= y - down < height and 0 <= x - right < width:
+            before = path[y - down, x - right]
+            for n in range(n_labels):
+                beside = [before[m] + matching.CHANGE for m in (n - 1, n + 1) if 0 <= m < n_labels]
+                path[y, x, n] += min(before[n], *beside, before.min() + jumps[y, x]) - before.min()
+    return path
+
+
+@pytest.mark.parametrize("size", [(11, 17), (1, 6), (7, 1)])
+def test_paths_from_four_directions_cost_what_the_recurrence_says(size):
+    costs, picture = torch.rand(6, *size), torch.rand(size)
+    mean = torch.cat([picture.diff(dim=axis).abs().flatten() for axis in (0, 1)]).mean()
+    expected = np.zeros((*size, 6))
+    for step in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        difference = (picture - picture.roll(step, (0, 1))).abs() / mean
+        jumps = np.maximum(matching.JUMP / (1 + difference.numpy() / matching.EDGE), matching.CHANGE)
+        expected += slow_paths(costs.permute(1, 2, 0).numpy(), jumps, step)
+    found = matching.aggregate(costs, picture).permute(1, 2, 0)
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("size", [(40, 50), (70, 150)])
+def test_stretches_of_lines_are_followed_alike_by_the_loop_and_by_pytorch(size, monkeypatch):
+    costs, picture = torch.rand(9, *size), torch.rand(size)
+    compiled = matching.aggregate(costs, picture)
+    monkeypatch.setattr(matching, "is_known", lambda *tensors: False)
+    torch.testing.assert_close(matching.aggregate(costs, picture), compiled, atol=1e-4, rtol=0)
 
 
 def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
@@ -42,18 +58,18 @@ def test_single_wrong_pixels_are_outvoted_and_whole_surfaces_are_not():
 
 
 def plane(disparity, grid=(5, 5)):
-    return shifted_views(neighbours.smoothed(texture(1, 64, 72), 1.0), disparity, grid).float()[..., 8:-8, 8:-8]
+    return shifted_views(neighbours.smoothed(texture(1, 64, 72), 1.0), disparity, grid).float()[:, :, 0, 8:-8, 8:-8]
 
 
 def refined(views, disparity):
     light = grey_views(views, torch.ones(views.shape[:2]))
-    return matching.refine(light, disparity, 1e-3, -1.5, 1.5)
+    return matching.refine(light, disparity, torch.tensor(1e-3), -1.5, 1.5)
 
 
 @pytest.mark.parametrize("disparity", [-0.35, 0.2])
 def test_planes_are_matched_between_slopes_with_confidence(disparity):
     light = grey_views(plane(disparity), torch.ones(5, 5))
-    labels, confidence = matching.best_slopes(light, matching.slopes_between(-1, 1), 0.0)
+    labels, confidence = matching.best_slopes(light, matching.slopes_between(-1, 1), torch.zeros(()))
     assert float((labels - disparity)[4:-4, 4:-4].abs().quantile(0.95)) < 0.05
     assert float(confidence[4:-4, 4:-4].median()) > 0.4
     assert float(confidence.max()) < 1
@@ -71,9 +87,11 @@ def test_noise_of_each_view_is_not_taken_for_information(noise):
     still = plane(0.3, (7, 7))
     views = still + noise * torch.randn(still.shape, generator=torch.Generator().manual_seed(1))
     light = grey_views(views, torch.ones(7, 7))
-    spread = cost_volume.spread(light, noise).numpy()
+    spread = cost_volume.spread(light, torch.tensor(noise)).numpy()
     tried = torch.full((48, 56), 0.34)
-    information, steps = matching.gauss_newton(light, splines.coefficients(light.samples), tried.numpy(), spread)
+    information, steps = matching.gauss_newton(
+        light, splines.coefficients(light.samples.numpy()), tried.numpy(), spread
+    )
     inner = (slice(8, -8), slice(8, -8))
     step = float((information * steps)[inner].sum() / information[inner].sum())
     # Views that differ by chance weigh less, which halves steps; gradients of each view alone left .27 of them.

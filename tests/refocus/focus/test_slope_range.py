@@ -149,7 +149,7 @@ def test_flat_views_single_views_and_noise_have_no_range(views):
 def test_the_range_to_search_holds_all_surfaces_at_any_baseline(near, far):
     torch.manual_seed(1)
     views = layered_views(near, far, (144, 160))[0].float()
-    low, middle, high, _ = scene_range(views)
+    low, middle, high, *_ = scene_range(views)
     assert low < min(near, far) < middle < max(near, far) < high
     assert high - low < 1.5 * abs(near - far) + 2 * 2  # a quarter at either end, and half of a pixel reduced by 2
 

@@ -77,7 +77,8 @@ def filters(grid, size, n_planes=2):
     """Random real filters, and the factors that they are at the frequencies."""
     rows = torch.randn(n_planes, grid[0], size[0], dtype=torch.float64)
     columns = torch.randn(n_planes, grid[1], size[1], dtype=torch.float64)
-    return (rows.numpy(), columns.numpy()), (torch.fft.fft(rows), torch.fft.rfft(columns))
+    factors = (torch.view_as_real(part).movedim(-1, 0) for part in (torch.fft.fft(rows), torch.fft.rfft(columns)))
+    return (rows.numpy(), columns.numpy()), tuple(factors)
 
 
 @pytest.mark.parametrize("size", [(6, 8), (5, 7), (6, 5), (1, 4), (2, 1)])

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from lfref.functional import fft_lengths
+from lfref.functional import fourier
 from lfref.refocus import apertures, batches
 from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.layer_mixing import Matrices
@@ -86,13 +86,18 @@ def test_products_and_solutions_are_those_of_the_matrices_written_out(dtype):
     torch.testing.assert_close(again, numbers, atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize("reach", [0.0, 3.2, 40.0])
-def test_edge_frames_have_room_for_the_reach_at_every_side_and_repeat_the_outermost_pixels(reach):
-    frame, pictures = layer_mixing.make_frame("edge", (5, 8), reach), torch.rand(2, 3, 5, 8)
-    period = frame.extend(pictures)
+def extended(frame, pictures):
+    """Periods that hold the pictures."""
+    return frame.extended(frame.extended(pictures, 1).mT, 0).mT
+
+
+@pytest.mark.parametrize("reaches", [(0.0, 0.0), (3.2, 3.2), (40.0, 6.5)])
+def test_edge_frames_have_room_for_the_reach_at_every_side_and_repeat_the_outermost_pixels(reaches):
+    frame, pictures = layer_mixing.make_frame("edge", (5, 8), reaches), torch.rand(2, 3, 5, 8)
+    period = extended(frame, pictures)
     assert period.shape == (2, 3, *frame.period)
-    assert all(fft_lengths.is_fast(length) for length in frame.period)
-    for first, length, whole in zip(frame.first, frame.size, frame.period, strict=True):
+    assert all(fourier.is_fast(length) for length in frame.period)
+    for reach, first, length, whole in zip(reaches, frame.first, frame.size, frame.period, strict=True):
         assert first > reach
         assert whole - first - length > reach
     assert torch.equal(period[..., 0, 0], pictures[..., 0, 0])
@@ -101,7 +106,7 @@ def test_edge_frames_have_room_for_the_reach_at_every_side_and_repeat_the_outerm
 
 @pytest.mark.parametrize("border", ["edge", "wrap"])
 def test_pictures_come_back_from_the_spectra_of_their_periods(border):
-    frame, pictures = layer_mixing.make_frame(border, (5, 8), 2.0), torch.rand(3, 5, 8, dtype=torch.float64)
-    period = frame.extend(pictures)
+    frame, pictures = layer_mixing.make_frame(border, (5, 8), (2.0, 2.0)), torch.rand(3, 5, 8, dtype=torch.float64)
+    period = extended(frame, pictures)
     assert (period.shape == pictures.shape) == (border == "wrap")
     torch.testing.assert_close(frame.pictures(torch.fft.rfft2(period)), pictures, atol=1e-14, rtol=0)

@@ -7,15 +7,10 @@ import torch
 
 from lfref.errors import InputError
 from lfref.refocus import batches
+from lfref.refocus.focus.line_range import Ends, disparity_range
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.shift.shift_and_sum import (
-    DisparityRange,
-    cell_widths,
-    coverage,
-    disparity_range,
-    shift_and_sum,
-    shift_and_sum_antialiased,
-)
+from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import cell_widths, shift_and_sum_antialiased
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import shifted_views, texture
@@ -91,7 +86,7 @@ def test_bad_arguments_are_refused(change):
 
 
 def test_planes_among_the_disparities_stay_points():
-    disparities = DisparityRange(-1.0, -0.4, 0.4)
+    disparities = Ends(*torch.tensor([-1.0, -0.4, 0.4]))
     planes = torch.tensor([-7.0, -3.0, -1.0, 0.0, 0.4, 0.55])
     assert cell_widths(planes, disparities).tolist() == pytest.approx([6.6, 2.6, 0, 0, 0, 0])
 
@@ -131,7 +126,7 @@ def smooth_views(disparity: float, grid: tuple[int, int] = (7, 7), side: int = 1
 def test_one_plane_is_found(disparity):
     seen = disparity_range(smooth_views(disparity))
     assert seen.low - 0.01 <= seen.middle <= seen.high + 0.01
-    assert seen.middle == pytest.approx(disparity, rel=0.25, abs=0.02)
+    assert float(seen.middle) == pytest.approx(disparity, rel=0.25, abs=0.02)
 
 
 @pytest.mark.parametrize("width", [80, 24])
@@ -147,6 +142,6 @@ def test_disparities_are_per_step_wherever_cameras_stand():
     views, stand = smooth_views(0.5, (9, 9)), batches.even((9, 9))
     taken = (torch.tensor([0, 1, 4, 6, 8])[:, None], torch.tensor([0, 3, 4, 5, 8]))
     found = disparity_range(views[taken], None, stand[taken] + 0.1)
-    assert found.middle == pytest.approx(0.5, rel=0.25)
+    assert float(found.middle) == pytest.approx(0.5, rel=0.25)
     half_as_far = disparity_range(views[taken], None, stand[taken] / 2)
-    assert half_as_far.middle == pytest.approx(2 * found.middle, rel=1e-4)
+    assert float(half_as_far.middle) == pytest.approx(2 * float(found.middle), rel=1e-4)

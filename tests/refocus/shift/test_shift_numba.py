@@ -3,9 +3,12 @@
 import pytest
 import torch
 
-from lfref.refocus import batches
+from lfref.refocus import batches, footprint
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
 from lfref.refocus.shift import shift_numba, shift_plan
-from lfref.refocus.shift.shift_and_sum import by_torch, shift_and_sum
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_bands import sum_by_bands
+from lfref.refocus.shift.shifts import Shifts, shifts_of
 
 SLOPES = [-2.3, -1.0, 0.0, 0.3, 0.5, 1.7]
 
@@ -17,8 +20,16 @@ def in_type(views: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 def both(views, slopes=SLOPES, interpolation="linear", border="renormalize", weights=None, widths=None):
     planes = batches.checked_slopes(slopes, views.shape[1:3], views.shape[-2:], None)
-    plan = shift_plan.plan(planes, views.shape[1:3], views.shape[-2:], interpolation, border, weights, widths)
-    return shift_numba.shift_and_sum(views, plan), by_torch(views, plan)
+    method, rule = INTERPOLATIONS[interpolation], BORDERS[border]
+    aperture = batches.checked_weights(weights, views.shape[1:3])
+    shifts = shifts_of(planes, views.shape[1:3], method)
+    plan = shift_plan.plan(shifts, widths, aperture, views.shape[-2:], method, rule)
+    boxes = None
+    if widths is not None:
+        boxes = footprint.taps(torch.tensor(widths, dtype=torch.float64), footprint.radius(max(widths)))
+    aperture = aperture.to(batches.working_dtype(views.dtype))
+    slow = sum_by_bands(views, Shifts(shifts.rows, shifts.columns, boxes), aperture, method, rule)
+    return shift_numba.shift_and_sum(views, plan), slow
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])

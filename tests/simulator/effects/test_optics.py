@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lfref import geometry
-from lfref.refocus.fourier import exact
+from lfref.functional import fourier
 from lfref.simulator.effects import optics
 from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, clipped_pupil, falloff
 
@@ -42,13 +42,15 @@ def test_each_colours_disparity_is_added_to_the_surfaces():
 @pytest.mark.parametrize(("share", "tolerance"), [(0.1, 1e-4), (0.15, 2e-3)])
 def test_a_band_limited_picture_moves_as_by_fouriers_shift(share, tolerance):
     spectrum = torch.fft.rfft2(torch.randn(48, 50, dtype=torch.float64))
-    low = (exact.frequencies(48)[:, None].abs() <= share) & (exact.half_frequencies(50) <= share)
+    low = (fourier.frequencies(48)[:, None].abs() <= share) & (fourier.half_frequencies(50) <= share)
     picture, (dx, dy) = torch.fft.irfft2(spectrum * low, s=(48, 50)), (0.37, -1.2)
     picture = picture / picture.std()
     result = optics.shift(picture.expand(1, 1, 3, 48, 50), torch.tensor([[[dx, dy]]]))[0, 0, 0]
-    down = exact.shift_phases(exact.frequencies(48), torch.tensor(-dy, dtype=torch.float64))[:, None]
-    across = exact.shift_phases(exact.half_frequencies(50), torch.tensor(-dx, dtype=torch.float64))
-    expected = torch.fft.irfft2(torch.fft.rfft2(picture) * down * across, s=(48, 50))
+    down, across = (
+        torch.complex(*fourier.shift_phases(frequencies, torch.tensor(-distance, dtype=torch.float64)))
+        for frequencies, distance in ((fourier.frequencies(48), dy), (fourier.half_frequencies(50), dx))
+    )
+    expected = torch.fft.irfft2(torch.fft.rfft2(picture) * down[:, None] * across, s=(48, 50))
     torch.testing.assert_close(result[8:-8, 8:-8], expected[8:-8, 8:-8], atol=tolerance, rtol=0)
 
 

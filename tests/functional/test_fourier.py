@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfref.functional.fft_lengths import is_fast, next_fast, next_fast_even
+from lfref.functional.fourier import is_fast, next_fast, next_fast_even
 
 
 def test_fast_lengths_are_the_next_without_large_prime_factors():

@@ -1,0 +1,82 @@
+"""Shift-and-sum without copies of edges: where all is out of focus, each view stands for its cell of the aperture.
+
+Nearly the picture of the slow methods, at twice the time of a plain sum. In planes beyond the disparities of the scene
+all is blurred, and a sum of points would show copies. There each view stands for its whole cell: its box is as wide as
+the plane is from the middle disparity. Planes among the disparities stay sums of points, since cells of one width would
+blur what is in focus. `line_range` finds these disparities.
+Letters: `s` slope in pixels per view step, `N` planes.
+"""
+
+import torch
+from torch import Tensor
+
+from lfref.functional.devices import is_known, length_of, sent
+from lfref.geometry import Slopes
+from lfref.refocus import batches
+from lfref.refocus.focus import line_range
+from lfref.refocus.focus.line_range import Ends
+from lfref.refocus.operator import has_traits
+from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.scene import Scene, scenes_of
+from lfref.refocus.shift.shift_and_sum import summed
+from lfref.refocus.shift.shifts import shifts_of
+
+CUBIC = INTERPOLATIONS["cubic"]
+FADE = 0.3
+"""Pixels per view step over which a sum of points gives way to one of cells: films through the planes stay smooth."""
+LEAST_BLUR = 1.0
+"""Least blur of a cell that counts, in pixels: copies that are nearer than one pixel do not show."""
+
+
+@has_traits("compares")
+def shift_and_sum_antialiased(
+    views: Tensor,
+    slopes: Slopes,
+    weights: Tensor | None = None,
+    positions: Tensor | None = None,
+    scene: Scene | None = None,
+) -> Tensor:
+    """Refocus by shift-and-sum; where all is out of focus, each view stands for its cell of the aperture.
+
+    Args:
+        views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
+        slopes: Focus in pixels per view step, [N].
+        weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
+        positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
+        scene: What `analyze_scene` found in this one light field; None: it is analyzed.
+
+    Returns:
+        Stacks in the order of the slopes, type (float32 for integers) and device of the views, [..., N, C, H, W].
+        Derivatives leave out that the range of disparities depends on the views.
+
+    Raises:
+        InputError: Views, slopes, weights or positions that cannot be used.
+
+    Example:
+        >>> views = torch.rand(7, 7, 3, 48, 64)
+        >>> lfref.shift_and_sum_antialiased(views, [-2, 0, 0.5]).shape
+        torch.Size([3, 3, 48, 64])
+    """
+    batch = batches.flattened(views)
+    grid, size = batches.grid_and_size(batch)
+    planes = batches.checked_slopes(slopes, grid, size, positions)
+    aperture = batches.checked_weights(weights, grid)
+    shifts = shifts_of(planes, grid, CUBIC, positions)
+    stacks = []
+    for field, known in zip(batch, scenes_of(batch, scene, weights, positions), strict=True):
+        widths, reach = cell_widths(sent(planes, field.device), known.ends).clamp(max=min(size)), None
+        if not is_known(widths):
+            beyond = line_range.BEYOND * known.lines.factor
+            if known.known is not None:
+                beyond = max(beyond, -known.known.low, known.known.high)
+            reach = length_of(((planes.abs().amax(0) + beyond) / 2).ceil().long() + 1)
+        stacks.append(summed(field[None], shifts, widths, aperture, CUBIC, BORDERS["renormalize"], reach))
+    # A single one is not copied: that would take a tenth of all the time.
+    return batches.restored(torch.cat(stacks) if len(stacks) > 1 else stacks[0], views)
+
+
+def cell_widths(planes: Tensor, disparities: Ends) -> Tensor:
+    """Width of the box that blurs each plane of these slopes, in pixels, [N]."""
+    from_middle = (planes - disparities.middle).abs()
+    beyond = torch.maximum(disparities.low - planes, planes - disparities.high)
+    return from_middle * (beyond / FADE).clamp(0, 1) * ((from_middle - LEAST_BLUR) / FADE).clamp(0, 1)
