@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.functional.devices import is_known, number
 
@@ -105,10 +106,6 @@ def wrapped(places: Tensor, length: int) -> Tensor:
     return places.remainder(torch.full((), length, dtype=places.dtype, device=places.device))
 
 
-BLOCK = 64
-"""Columns of spectra that are mixed at once on a processor, so that they stay in its caches."""
-
-
 class Frame(NamedTuple):
     """Where a picture lies in one period of a periodic one: the room around it keeps opposite borders apart."""
 
@@ -119,15 +116,14 @@ class Frame(NamedTuple):
     period: tuple[int, int]
     """Height and width (h, w) of the period."""
 
-    def extended(self, pictures: Tensor, axis: int) -> Tensor:
-        """Pictures, also complex ones, continued by their outermost pixels along axis 0 or 1, which is their last."""
-        before = self.first[axis]
-        after = self.period[axis] - before - self.size[axis]
-        if before == after == 0:
+    def extended(self, pictures: Tensor) -> Tensor:
+        """Periods [..., h, w] that hold pictures [..., H, W], the outermost pixels repeated around them."""
+        if self.period == self.size:
             return pictures
-        ends = pictures[..., :1], pictures[..., -1:]
-        first, last = (end.expand(*end.shape[:-1], beyond) for end, beyond in zip(ends, (before, after), strict=True))
-        return torch.cat([first, pictures, last], -1)
+        (top, left), (height, width) = self.first, self.period
+        sides = (left, width - left - self.size[1], top, height - top - self.size[0])
+        padded = F.pad(pictures.reshape(1, -1, *pictures.shape[-2:]), sides, mode="replicate")
+        return padded.reshape(*pictures.shape[:-2], height, width)
 
     def within(self, periods: Tensor) -> Tensor:
         """The pictures [..., H, W] in periods [..., h, w]."""
@@ -139,8 +135,10 @@ class Frame(NamedTuple):
         return self.within(torch.fft.irfft2(spectra, s=self.period))
 
 
-def filtered_lines(lines: Iterable[Tensor], factors: Sequence[tuple[Tensor, Tensor]], frame: Frame) -> Tensor:
-    """Sums [N, P, H, W] of filtered pictures, line by line [U, P, H, W], each in a period.
+def filtered_lines(
+    lines: Iterable[Tensor], factors: Sequence[tuple[Tensor, Tensor]], frame: Frame, is_whole: bool = False
+) -> Tensor:
+    """Sums [N, P, H, W] of filtered pictures, line by line [U, P, H, W], each in a period; the periods if `is_whole`.
 
     The factors of each line are those of rows, [2, N, h], and of columns, [2, N, U, w // 2 + 1].
     """
@@ -148,21 +146,28 @@ def filtered_lines(lines: Iterable[Tensor], factors: Sequence[tuple[Tensor, Tens
         return _filtered_by_matrices(lines, factors, frame)
     totals: list[Tensor] = []
     for pictures, (rows, columns) in zip(lines, factors, strict=True):
-        spectra = torch.fft.rfft(frame.extended(pictures, 1)).movedim(-1, 0)  # [k, U, P, H]
-        down, across = torch.complex(*rows)[:, None], torch.complex(*columns).permute(2, 0, 1)
-        n_at_once = BLOCK if is_known(pictures) else len(across)
-        is_first = not totals
-        for n, (block, mixing) in enumerate(zip(spectra.split(n_at_once), across.split(n_at_once), strict=True)):
-            # Columns lie one after the other: transforms along them, and sums over views, read memory in order.
-            of_columns = torch.fft.fft(frame.extended(block, 0).contiguous())
-            mixed = torch.bmm(mixing, of_columns.flatten(2)).unflatten(2, of_columns.shape[2:])
-            if is_first:
-                totals.append(mixed * down)
-            else:
-                totals[n].addcmul_(mixed, down)
-    height, top = frame.size[0], frame.first[0]
-    sums = torch.cat([torch.fft.ifft(total).narrow(-1, top, height) for total in totals]).movedim(0, -1)
-    return torch.fft.irfft(sums, n=frame.period[1]).narrow(-1, frame.first[1], frame.size[1])
+        periods = frame.extended(pictures)
+        spectra, down, across = torch.fft.rfft2(periods), torch.complex(*rows)[..., None], torch.complex(*columns)
+        if not is_known(pictures):
+            # One product a frequency mixes the views for all planes; each operation of a GPU costs its start.
+            mixed = torch.einsum("nuk,uphk->npkh", across, spectra).mT
+            totals = [mixed * down[:, None] if not totals else totals[0].addcmul_(mixed, down[:, None])]
+            continue
+        totals = totals or [torch.zeros_like(spectra[0]) for _ in down]
+        for total, row_factors, column_factors in zip(totals, down, across, strict=True):
+            part = spectra[0] * column_factors[0]
+            for spectrum, factor in zip(spectra[1:], column_factors[1:], strict=True):
+                part.addcmul_(spectrum, factor)
+            total.addcmul_(part, row_factors)
+            del part  # so that the next sum gets the same memory, which is in the cache
+    crop = frame._replace(first=(0, 0), size=frame.period) if is_whole else frame
+    if not is_known(totals[0]):
+        return crop.pictures(totals[0])
+    # Each spectrum is given up as its image is written: all of both together would be the peak of memory.
+    stack = totals[0].real.new_empty((len(totals), totals[0].shape[0], *crop.size))
+    for n in reversed(range(len(totals))):
+        stack[n] = crop.pictures(totals.pop())
+    return stack
 
 
 class _Matrices(NamedTuple):
@@ -206,7 +211,7 @@ def _filtered_by_matrices(lines: Iterable[Tensor], factors: Sequence[tuple[Tenso
     along_y, along_x, level = _matrices(height, like), _matrices(width, like), like.new_zeros(())
     sums: tuple[Tensor, Tensor] | None = None
     for pictures, (rows, columns) in zip(lines, factors, strict=True):
-        periods = frame.extended(frame.extended(pictures, 1).mT, 0).mT
+        periods = frame.extended(pictures)
         # In the spectra, the mean would be by far the largest number, and round as such.
         mean = periods.mean()
         level = level + mean * rows[0, :, 0] * columns[0, :, :, 0].sum(1)

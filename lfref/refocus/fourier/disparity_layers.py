@@ -211,9 +211,8 @@ def _exact(batch: Tensor, frame: Frame, planes: Tensor, aperture: Tensor) -> Ten
     v, u = (geometry.angular_offsets(n_views, batch.device) for n_views in aperture.shape)
     rows = shift_phases(frequencies(frame.period[0], batch.device), planes[:, None] * v)
     columns = shift_phases(half_frequencies(frame.period[1], batch.device), planes[:, None] * u)
-    whole = Frame(frame.period, (0, 0), frame.period)
-    periods = frame.extended(frame.extended(batches.radiance(batches.without_unread(batch, aperture)), 1).mT, 0).mT
-    return torch.fft.rfft2(filter_and_sum(periods, rows, columns, aperture, whole))
+    read = batches.without_unread(batch, aperture)
+    return torch.fft.rfft2(filter_and_sum(read, rows, columns, aperture, frame, is_whole=True))
 
 
 def _energies(batch: Tensor, disparities: Slopes | None, n_layers: int, scene: Scene | None) -> Energies:

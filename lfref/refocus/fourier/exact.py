@@ -75,14 +75,14 @@ def filter_and_sum(
     columns: Tensor,
     weights: Tensor | None,
     frame: Frame | None = None,
+    is_whole: bool = False,
 ) -> Tensor:
     """Sum of the filtered views, `I^(k) = sum_v R[v](ky) sum_u C[u](kx) w_uv L^[v, u](k)`, for every plane.
 
     Views are [B, V, U, C, H, W], those of weight 0 finite, weights [V, U]; None: all are 1. Factors are real and
     imaginary parts: `rows` [2, N, V, H] at the frequencies of `fft`, `columns` [2, N, U, W // 2 + 1] at those of
     `rfft`, or of the views of each row, [2, N, V or 1, U, W // 2 + 1]. `frame` are the periods in which the views lie;
-    None: they are periods themselves.
-    Returns stacks [B, N, C, H, W].
+    None: they are periods themselves. Returns stacks [B, N, C, H, W].
     """
     working = batches.working_dtype(views.dtype)
     columns = columns.unsqueeze(2) if columns.ndim == 4 else columns
@@ -94,5 +94,5 @@ def filter_and_sum(
         of_views = sent(weights, views.device, working)
         parts = [(down, across * own[:, None]) for (down, across), own in zip(parts, of_views, strict=True)]
     size = batches.grid_and_size(views)[1]
-    sums = fourier.filtered_lines(lines, parts, frame or Frame(size, (0, 0), size))
+    sums = fourier.filtered_lines(lines, parts, frame or Frame(size, (0, 0), size), is_whole)
     return sums.unflatten(1, (len(views), -1)).transpose(0, 1)
