@@ -13,6 +13,8 @@ from torch import Tensor
 from torch.utils import _python_dispatch
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+BEYOND = 3e38
+"""Stands for infinity, which files may not hold."""
 
 
 def on_host(function: Function) -> Function:
@@ -28,7 +30,7 @@ def on_host(function: Function) -> Function:
     return run  # type: ignore[return-value]
 
 
-def sent(tensor: Tensor, device: torch.device, dtype: torch.dtype | None = None) -> Tensor:
+def on_device(tensor: Tensor, device: torch.device, dtype: torch.dtype | None = None) -> Tensor:
     """A small tensor of the host on a device, which keeps it: later copies would wait, and no CUDA graph takes them."""
     stays = tensor.device == device or tensor.device.type != "cpu" or torch.compiler.is_exporting()
     if stays or tensor.requires_grad:
@@ -39,7 +41,8 @@ def sent(tensor: Tensor, device: torch.device, dtype: torch.dtype | None = None)
 
 @functools.lru_cache(maxsize=512)
 def _kept(numbers: tuple[float, ...], shape: tuple[int, ...], dtype: torch.dtype, device: torch.device) -> Tensor:
-    return torch.tensor(numbers, dtype=dtype).reshape(shape).to(device, non_blocking=True)
+    with torch.inference_mode(False):  # later calls may need derivatives
+        return torch.tensor(numbers, dtype=dtype).reshape(shape).to(device, non_blocking=True)
 
 
 def is_known(*tensors: Tensor) -> bool:

@@ -142,8 +142,9 @@ def filtered_lines(
 
     The factors of each line are those of rows, [2, N, h], and of columns, [2, N, U, w // 2 + 1].
     """
+    crop = frame._replace(first=(0, 0), size=frame.period) if is_whole else frame
     if torch.compiler.is_exporting():
-        return _filtered_by_matrices(lines, factors, frame)
+        return crop.within(_filtered_by_matrices(lines, factors, frame))
     totals: list[Tensor] = []
     for pictures, (rows, columns) in zip(lines, factors, strict=True):
         periods = frame.extended(pictures)
@@ -160,7 +161,6 @@ def filtered_lines(
                 part.addcmul_(spectrum, factor)
             total.addcmul_(part, row_factors)
             del part  # so that the next sum gets the same memory, which is in the cache
-    crop = frame._replace(first=(0, 0), size=frame.period) if is_whole else frame
     if not is_known(totals[0]):
         return crop.pictures(totals[0])
     # Each spectrum is given up as its image is written: all of both together would be the peak of memory.
@@ -206,7 +206,7 @@ def _matrices(length: int, like: Tensor) -> _Matrices:
 
 
 def _filtered_by_matrices(lines: Iterable[Tensor], factors: Sequence[tuple[Tensor, Tensor]], frame: Frame) -> Tensor:
-    """As `filtered_lines`, without complex numbers."""
+    """The periods of `filtered_lines`, [N, P, h, w], without complex numbers."""
     (height, width), like = frame.period, factors[0][0]
     along_y, along_x, level = _matrices(height, like), _matrices(width, like), like.new_zeros(())
     sums: tuple[Tensor, Tensor] | None = None
@@ -240,6 +240,4 @@ def _filtered_by_matrices(lines: Iterable[Tensor], factors: Sequence[tuple[Tenso
     # Each frequency between 0 and half a cycle stands for its negative too.
     share = (1 + along_x.is_pair) / (number(height, real) * number(width, real)).to(real)
     real, imaginary = (part.permute(1, 2, 3, 0) * share for part in (real, imaginary))
-    return level[:, None, None, None] + frame.within(
-        along_x.whole(real @ along_x.cosines, -(imaginary @ along_x.sines))
-    )
+    return level[:, None, None, None] + along_x.whole(real @ along_x.cosines, -(imaginary @ along_x.sines))

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.functional.devices import length_of, sent
+from lfref.functional.devices import BEYOND, length_of, on_device
 from lfref.lightfield import LightField
 
 BLOCK = 8
@@ -30,8 +30,8 @@ LEAST_BLOCKS = 500
 """Least number of blocks in a level."""
 SAMPLES = 1 << 19
 """Approximate number of samples that are measured."""
-BEYOND, TINY, APART = 3e38, 1e-30, 1e4
-"""Light of blocks that do not count; least power; distance of two levels in logarithms of power."""
+TINY, APART = 1e-30, 1e4
+"""Least power; distance of two levels in logarithms of power."""
 
 
 def measure(field: LightField) -> tuple[float, float]:
@@ -81,9 +81,9 @@ def blocks(pictures: Tensor) -> tuple[Tensor, Tensor]:
     rough = across[:, 2:] - 2 * across[:, 1:-1] + across[:, :-2]
     whole = rough[:, : n_down * BLOCK, : n_across * BLOCK].unflatten(2, (n_across, BLOCK))
     each = whole.unflatten(1, (n_down, BLOCK)).transpose(2, 3).reshape(-1, BLOCK**2)
-    spectra = each @ sent(WAVES, each.device)
+    spectra = each @ on_device(WAVES, each.device)
     power = spectra.square().unflatten(1, (2, -1)).sum(1)
-    return F.avg_pool2d(inner[None], BLOCK)[0].flatten(), power / sent(POWER, each.device)
+    return F.avg_pool2d(inner[None], BLOCK)[0].flatten(), power / on_device(POWER, each.device)
 
 
 def _waves() -> tuple[Tensor, Tensor]:

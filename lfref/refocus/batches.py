@@ -14,7 +14,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional.devices import is_known, on_host, sent
+from lfref.functional.devices import is_known, on_device, on_host
 from lfref.geometry import Slopes
 from lfref.lightfield import check_axes
 
@@ -92,7 +92,7 @@ def without_unread(views: Tensor, aperture: Tensor) -> Tensor:
         return views
     if is_plain(views) and is_known(views) and all(bool(is_finite(views[:, v, u])) for v, u in black_views):
         return views
-    black = sent(aperture == 0, views.device)
+    black = on_device(aperture == 0, views.device)
     return views.masked_fill(black[:, :, None, None, None], 0)
 
 

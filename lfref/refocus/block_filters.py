@@ -23,7 +23,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.functional import loops, neighbours
-from lfref.functional.devices import at_most, is_known, sent
+from lfref.functional.devices import at_most, is_known, on_device
 from lfref.functional.loops import LANES
 from lfref.refocus import axis_filters, batches
 from lfref.refocus.axis_filters import AxisSpectrum
@@ -99,7 +99,7 @@ def refocus_by_blocks(
     """
     field, spectrum = scene.light, SPECTRUM._replace(noise=scene.noise)
     n_channels, (height, width) = field.shape[2], field.shape[-2:]
-    planes = sent(planes, field.device)
+    planes = on_device(planes, field.device)
     priors = block_priors(disparity, _steepness(scene.central), prior, scene.widest)
     terms = products(aperture)
     counts = (height + BLOCK - 1) // BLOCK, (width + BLOCK - 1) // BLOCK
@@ -117,20 +117,20 @@ def refocus_by_blocks(
         axes = [(lengths[0], [term.rows for term in terms]), *axes]
     tables = [
         [
-            axis_filters.tables(spectrum, priors.disparities, planes, sent(weights, field.device), PERIOD)
+            axis_filters.tables(spectrum, priors.disparities, planes, on_device(weights, field.device), PERIOD)
             for weights in of_axis
         ]
         for _, of_axis in axes
     ]
     # Where the host does not know which planes are near a block, all are filtered.
-    is_known_near = is_known(nearness)
+    is_countable = is_known(nearness)
     n_blocks = nearness.shape[1]
     every = torch.arange(n_blocks, device=field.device)
-    some = (nearness > 0).any(0).nonzero()[:, 0] if is_known_near else every
+    some = (nearness > 0).any(0).nonzero()[:, 0] if is_countable else every
     pictures = field.new_zeros(len(planes), n_blocks, n_channels, BLOCK, BLOCK)
-    for blocks in some.split(max(1, FILTERS_AT_ONCE // max(lengths)) if is_known_near else n_blocks):
+    for blocks in some.split(max(1, FILTERS_AT_ONCE // max(lengths)) if is_countable else n_blocks):
         # Block by block: its views stay in the processor's caches.
-        if is_known_near:
+        if is_countable:
             b, n = (nearness[:, blocks] > 0).T.nonzero(as_tuple=True)
         else:
             item = torch.arange(n_blocks * len(planes), device=field.device)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.functional import neighbours
-from lfref.functional.devices import sent
+from lfref.functional.devices import on_device
 from lfref.geometry import Slopes
 from lfref.refocus import batches, block_filters, separable_wiener
 from lfref.refocus.bounds import bounded_by_views, confuses
@@ -108,7 +108,7 @@ def blockwise_wiener_parts(
 
 def _nearness(disparity: Tensor, planes: Tensor) -> Tensor:
     """1 where a disparity [H, W] around a pixel is near that of a plane, 0 where all are `AWAY`, [N, 1, H, W]."""
-    slopes = sent(planes, disparity.device, disparity.dtype)
+    slopes = on_device(planes, disparity.device, disparity.dtype)
     distance = (disparity.detach() - slopes[:, None, None, None]).abs()
     return neighbours.box_max(((AWAY - distance) / FADE).clamp(0, 1), AROUND)
 

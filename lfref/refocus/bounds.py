@@ -6,15 +6,14 @@ Letters: `N` planes, `C H W` channel, pixel row and column, `V U` view rows and 
 import torch
 from torch import Tensor
 
-from lfref.functional.devices import sent
+from lfref.functional.devices import on_device
 from lfref.functional.neighbours import box_max
 from lfref.refocus import batches
-from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.sampling import BORDERS, CUBIC
 from lfref.refocus.scene import Scene
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.shifts import shifts_of
 
-CUBIC = INTERPOLATIONS["cubic"]
 CONFUSABLE = 2.5
 """Range of disparities in pixels per view step from which layers confuse light at two disparities, e apart: detail of
 1 / e cycles per pixel, in a row or a column, looks alike at both, and pictures end at about .4 cycles per pixel."""
@@ -49,10 +48,10 @@ def bounded_by_views(stack: Tensor, scene: Scene, planes: Tensor, aperture: Tens
         points = shift_and_sum(field, slopes, "cubic", weights=aperture)
         squares = shift_and_sum(field.square(), slopes, "cubic", weights=aperture)
         spread = (squares - points.square()).clamp(min=0).sqrt().amax(1, keepdim=True)
-        shifts = shifts_of(sent(slopes, field.device), grid, CUBIC)
-        covered, _ = shifts.coverage(sent(aperture, field.device), size, BORDERS["renormalize"])
+        shifts = shifts_of(on_device(slopes, field.device), grid, CUBIC)
+        covered, _ = shifts.coverage(on_device(aperture, field.device), size, BORDERS["renormalize"])
         is_bounded = (covered[:, None] > 0.999) & (reach > CONFUSABLE)  # 1, but for rounding
         bound = torch.where(is_bounded, share.to(spread) * box_max(spread, 3), torch.inf)
-    at = sent(near, stack.device)
+    at = on_device(near, stack.device)
     inside = torch.maximum(torch.minimum(stack[at], points + bound), points - bound)
     return stack.index_copy(0, at, inside)

@@ -31,7 +31,7 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.functional import loops, positive_definite
-from lfref.functional.devices import sent
+from lfref.functional.devices import on_device
 from lfref.functional.loops import compiled, inlined
 from lfref.refocus import batches
 from lfref.refocus.sampling import BORDERS, TAPS, Border, Integers, Reals, add_taps, rounded_up, set_taps
@@ -129,7 +129,7 @@ class Footprint(NamedTuple):
     def responses(self, slopes: Tensor, frequencies: Tensor) -> Tensor:
         """Real factors of the frequencies along one axis, [N, 1, K]; 1 where the blur varies and comes afterwards."""
         widths = torch.zeros_like(slopes) if self.varies else self.widths(slopes)
-        return torch.sinc(sent(widths, frequencies.device)[:, None, None] * frequencies)
+        return torch.sinc(on_device(widths, frequencies.device)[:, None, None] * frequencies)
 
 
 def checked(fill_factor: float, disparity: float | Tensor, views: Tensor) -> Footprint:

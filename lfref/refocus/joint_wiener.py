@@ -33,7 +33,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.functional import fourier, positive_definite
-from lfref.functional.devices import at_most, sent
+from lfref.functional.devices import at_most, on_device
 from lfref.refocus import batches
 from lfref.refocus.axis_filters import DECAY, FOLDS, OUTER
 
@@ -237,7 +237,7 @@ def _photographs(
     for v, value, u in zip(left.T, values, right, strict=False):
         if float(value) < 1e-9 * float(values[0]):
             break
-        of_rows, of_columns = (sent(part, power.device) for part in (v, value * u))
+        of_rows, of_columns = (on_device(part, power.device) for part in (v, value * u))
         lens, down_lens = columns.lens(blurs, of_columns).float(), row.lens(blurs, of_rows)[:, :, 0].float()
         # n d y k u, summed over the folds x
         folded = sum(folds[None, ..., x, :].movedim(3, 2) * lens[:, :, None, :, x, None] for x in range(2 * FOLDS + 1))
@@ -276,7 +276,7 @@ def refocus_jointly(field: Tensor, planes: Tensor, prior: Prior, aperture: Tenso
     # Filters are solved for in a square of twice the margin, in which FFTs are fast: what lies beyond would be cut off.
     margin = fourier.next_fast_even(2 * math.ceil(max(geometry.corner_shift(planes, grid), 2.0)) + 2 * TAIL) // 2
     side = _side(margin, size)
-    slopes = sent(planes, field.device)
+    slopes = on_device(planes, field.device)
     factors = filters(prior, slopes, grid, aperture, margin, side)
     table = field.new_empty(len(planes), grid[0] * grid[1], side, side // 2 + 1)
     for place, plane in zip(table, factors, strict=True):

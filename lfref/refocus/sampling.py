@@ -114,6 +114,8 @@ INTERPOLATIONS: dict[str, Interpolation] = {
     "exact": Interpolation(None),
 }
 """`exact` is trigonometric (Fourier) interpolation, which moves a whole view by one distance."""
+CUBIC = INTERPOLATIONS["cubic"]
+"""The interpolation of methods without a setting."""
 
 
 def is_sampled(shifts: Tensor, places: Tensor, length: int) -> Tensor:

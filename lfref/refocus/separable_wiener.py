@@ -14,7 +14,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.functional import fourier
-from lfref.functional.devices import length_of, on_host, sent
+from lfref.functional.devices import length_of, on_device, on_host
 from lfref.geometry import Slopes
 from lfref.refocus import axis_filters, batches
 from lfref.refocus.axis_filters import AxisSpectrum
@@ -82,7 +82,7 @@ def separable_wiener(
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.symmetric_weights(weights, grid)
     if disparities is not None:
-        known = sent(geometry.checked_slopes(disparities, grid, size), views.device)
+        known = on_device(geometry.checked_slopes(disparities, grid, size), views.device)
         even = torch.full_like(known, 1 / len(known))
         prior, light = Energies(known, even, torch.zeros_like(known[0])), batches.radiance(batch)
         batches.check_finite(light)
@@ -111,7 +111,7 @@ def refocus_by_rows_and_columns(
     spectrum = SPECTRUM._replace(noise=noise)
     reaches = farthest_shift(planes, grid[0]) + TAIL, farthest_shift(planes, grid[1]) + TAIL
     frame = layer_mixing.make_frame("edge", size, reaches)
-    slopes, mean = sent(planes, field.device), prior.shares @ prior.disparities
+    slopes, mean = on_device(planes, field.device), prior.shares @ prior.disparities
     stacks = []
     for term in products(aperture):
         taps: list[Tensor] = []
@@ -119,7 +119,7 @@ def refocus_by_rows_and_columns(
             if taps and same_axes(term):
                 taps.append(taps[0])
                 continue
-            own = sent(weights, field.device)
+            own = on_device(weights, field.device)
             table = axis_filters.tables(spectrum, prior.disparities, slopes, own, 2 * reach)
             filters = axis_filters.filters(spectrum, table, slopes, prior.shares[None], mean[None])[0]
             taps.append(axis_filters.kernels(filters, torch.zeros_like(own), 2 * reach))

@@ -26,10 +26,10 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.functional import loops, neighbours
-from lfref.functional.devices import is_known, sent
+from lfref.functional.devices import is_known, on_device
 from lfref.functional.loops import compiled, inlined
 from lfref.refocus import batches
-from lfref.refocus.sampling import BORDERS, INTERPOLATIONS, is_sampled
+from lfref.refocus.sampling import BORDERS, CUBIC, is_sampled
 from lfref.refocus.shift.shift_bands import moved_by_bands
 
 Reals = NDArray[np.float32]
@@ -87,7 +87,7 @@ def grey_views(grey: Tensor, aperture: Tensor, positions: Tensor | None = None) 
     ]
     samples = grey.float().flatten(0, 1)
     if len(read) < len(samples):
-        samples = samples.index_select(0, sent(read, grey.device))
+        samples = samples.index_select(0, on_device(read, grey.device))
     distances = where.square().sum(1)
     nearest = (distances <= 1.01 * float(distances.min())).nonzero()[:, 0]  # equally near but for rounding
     return GreyViews(samples, where, nearest.tolist())
@@ -186,13 +186,13 @@ def disagreements(views: GreyViews, slopes: Tensor, spread: Tensor, rows: Tensor
 def _disagreements(views: GreyViews, slopes: Tensor, spread: Tensor, rows: Tensor | None) -> Tensor:
     """As `disagreements`, by PyTorch on any device, all slopes at once."""
     height, width = views.samples.shape[1:]
-    positions = sent(views.positions, slopes.device)
+    positions = on_device(views.positions, slopes.device)
     down, across = (_near_whole(slopes[:, None] * axis) for axis in positions.unbind(1))  # [N, K]
-    moved = moved_by_bands(views.samples, down, across, INTERPOLATIONS["cubic"], BORDERS["edge"])
+    moved = moved_by_bands(views.samples, down, across, CUBIC, BORDERS["edge"])
     y, x = (torch.arange(length, device=slopes.device) for length in (height, width))
     exists = is_sampled(down[..., None], y, height)[..., None] & is_sampled(across[..., None], x, width)[..., None, :]
     if rows is not None:
-        chosen = sent(rows, slopes.device)
+        chosen = on_device(rows, slopes.device)
         moved, exists, spread = (part.index_select(-2, chosen) for part in (moved, exists, spread))
     present = exists.to(moved)
     # 1. The reference: mean of the central views that have a sample, 0 where none has.
@@ -216,7 +216,7 @@ def _near_whole(shifts: Tensor) -> Tensor:
 
 def _taps(shifts: NDArray, length: int) -> tuple[Integers, Reals, Integers]:
     """First sample read, weights and span of each view along one axis."""
-    taps = [INTERPOLATIONS["cubic"].taps(float(shift)) for shift in shifts]
+    taps = [CUBIC.taps(float(shift)) for shift in shifts]
     starts = np.array([view[0][0] for view in taps], np.int64)
     weights = np.array([[weight for _, weight in view] for view in taps], np.float32)
     # Shifts that are whole but for rounding have the span of whole ones.

@@ -20,7 +20,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional import neighbours
+from lfref.functional import devices, neighbours
 from lfref.functional.devices import may_hold
 from lfref.refocus import batches
 from lfref.refocus.disparity import cost_volume, matching
@@ -182,7 +182,7 @@ def estimate_range(
     small = cost_volume.grey_views(F.avg_pool2d(grey, factor), aperture, positions)
     disparity, confidence = matching.best_slopes(small, labels, cost_volume.noise(small, labels.slopes))
     is_sure = confidence > SURE
-    surfaces = torch.where(is_sure, factor * disparity.double(), energies.BEYOND).flatten().sort().values
+    surfaces = torch.where(is_sure, factor * disparity.double(), devices.BEYOND).flatten().sort().values
     n_sure = is_sure.sum()
     least, greatest = (
         surfaces.gather(0, (share * (n_sure - 1)).round().long().clamp(min=0)[None])[0]

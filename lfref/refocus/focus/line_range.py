@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.functional import neighbours
-from lfref.functional.devices import number, on_host, sent
+from lfref.functional.devices import number, on_device, on_host
 from lfref.refocus import batches
 from lfref.refocus.focus.slope_range import DisparityRange, scene_range
 
@@ -61,7 +61,8 @@ def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Ten
 
     The range is weighted by the energy of gradients: one part in 25 is below it, one above.
     """
-    return range_of(line_views(views, weights, positions), wide_range(views, weights, positions))
+    lines = line_views(views, weights, positions)
+    return range_of(lines, scene_range(views, weights, positions) if bool(move_far(lines)) else None)
 
 
 @torch.no_grad()
@@ -159,6 +160,6 @@ def _moments(light: Tensor, steps: list[list[float]]) -> Tensor:
     for axis, along in enumerate(zip(*steps, strict=True)):
         # A picture one pixel wide has no gradient, and a line of views along the other axis needs none.
         if light.shape[1 + axis] > 1 and any(along):
-            step = sent(torch.tensor(along), light.device, light.dtype)[:, None, None]
+            step = on_device(torch.tensor(along), light.device, light.dtype)[:, None, None]
             gradient = gradient + step * neighbours.gradient(between, 1 + axis)
     return torch.stack([-(gradient * change).sum(0), gradient.square().sum(0)])

@@ -25,7 +25,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.errors import InputError
-from lfref.functional.devices import is_known, sent
+from lfref.functional.devices import is_known, on_device
 from lfref.functional.fourier import Frame, frequencies, half_frequencies, shift_phases
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
@@ -186,7 +186,7 @@ def _refocused(
     frame: Frame,
 ) -> Tensor:
     """One light field [V, U, C, H, W] refocused at the planes by layers of known energies, [N, C, H, W]."""
-    planes = sent(planes, field.device)
+    planes = on_device(planes, field.device)
     # 1. Exact refocusing E at the planes, and at the layers as the right side of the regression.
     exact = _exact(field[None], frame, torch.cat([planes, energies.disparities]), aperture)
     at_planes, at_layers = exact.split([len(planes), len(energies.disparities)], dim=1)
@@ -220,7 +220,7 @@ def _energies(batch: Tensor, disparities: Slopes | None, n_layers: int, scene: S
     if scene is not None:
         return scene.energies if n_layers == N_LAYERS else scene.energies_of(n_layers)
     assert disparities is not None
-    planes = sent(geometry.checked_slopes(disparities, *batches.grid_and_size(batch)), batch.device)
+    planes = on_device(geometry.checked_slopes(disparities, *batches.grid_and_size(batch)), batch.device)
     return Energies(planes, torch.full_like(planes, 1 / len(planes)), torch.zeros_like(planes[0]))
 
 

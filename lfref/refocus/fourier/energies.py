@@ -22,7 +22,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import fourier, positive_definite
-from lfref.functional.devices import at_most, number, sent
+from lfref.functional.devices import BEYOND, at_most, number, on_device
 from lfref.refocus import batches
 from lfref.refocus.focus.slope_range import DisparityRange
 
@@ -45,8 +45,6 @@ QUIET, QUIET_VARIANCE = 0.25, 0.9
 """Share of the frequencies that show nothing but noise, at most; what is left there of noise of variance 1."""
 LOWEST, HIGHEST = 1 / 24, 0.4
 """Lowest and highest frequency that is read, in cycles per pixel: below, all layers look alike; above, views alias."""
-BEYOND = 3e38
-"""Stands for infinity, which files may not hold."""
 N_RADII, N_ANGLES = 12, 24
 """Circles of frequencies that are read, whose radii grow in equal ratios, and angles on each."""
 
@@ -122,7 +120,7 @@ def _sampled(grey: Tensor, aperture: Tensor) -> _Sample:
     is_earlier = (code[:, None] == code) & (place[:, None] > place)
     # One view row at a time: all spectra together take as much memory as the views.
     spectra = torch.stack([fourier.at_bins(row, y.long(), x.long()) for row in grey], 1).double()  # [2, V, U, F]
-    roots = sent(aperture, grey.device, torch.float64).sqrt().flatten()
+    roots = on_device(aperture, grey.device, torch.float64).sqrt().flatten()
     weighted = spectra.flatten(1, 2).mT * roots
     energy = weighted.square().sum((0, 2))
     # Black views have no energy.

@@ -10,7 +10,7 @@ Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `s` s
 from torch import Tensor
 
 from lfref.functional import fourier
-from lfref.functional.devices import sent
+from lfref.functional.devices import on_device
 from lfref.functional.fourier import Frame, frequencies, half_frequencies, shift_phases
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
@@ -57,7 +57,7 @@ def exact_fourier(
         footprint.checked(fill_factor, disparity, views),
     )
     cameras, aperture = batches.lines(grid, positions), batches.checked_weights(weights, grid)
-    shifts, device = shifts_of(sent(planes, views.device), grid, EXACT, positions), views.device
+    shifts, device = shifts_of(on_device(planes, views.device), grid, EXACT, positions), views.device
     ky, kx = frequencies(size[0], device), half_frequencies(size[1], device)
     rows, columns = shift_phases(ky, shifts.rows), shift_phases(kx, shifts.columns)
     if cell.fill_factor > 0:
@@ -91,7 +91,7 @@ def filter_and_sum(
     lines = (batches.radiance(line).movedim(0, 1).flatten(1, 2) for line in views.unbind(1))
     parts = [(rows[:, :, v], columns[:, :, v % columns.shape[2]]) for v in range(views.shape[1])]
     if weights is not None:
-        of_views = sent(weights, views.device, working)
+        of_views = on_device(weights, views.device, working)
         parts = [(down, across * own[:, None]) for (down, across), own in zip(parts, of_views, strict=True)]
     size = batches.grid_and_size(views)[1]
     sums = fourier.filtered_lines(lines, parts, frame or Frame(size, (0, 0), size), is_whole)

@@ -23,7 +23,7 @@ from torch import Tensor
 from lfref import geometry
 from lfref.errors import chosen
 from lfref.functional import fourier, positive_definite
-from lfref.functional.devices import sent
+from lfref.functional.devices import on_device
 from lfref.functional.fourier import Frame
 
 SPARE = 2
@@ -60,7 +60,7 @@ def aperture_response(distances: Tensor, aperture: Tensor, size: tuple[int, int]
     terms = left[:, :rank] * strength[:rank], right[:rank].T
     device = distances.device
     (down, down_sines), (across, across_sines) = (
-        _sums(distances, sent(weights, device), frequencies)
+        _sums(distances, on_device(weights, device), frequencies)
         for frequencies, weights in zip(
             (fourier.frequencies(size[0], device), fourier.half_frequencies(size[1], device)), terms, strict=True
         )

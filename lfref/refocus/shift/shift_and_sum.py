@@ -11,10 +11,10 @@ Source: Ng et al., "Light Field Photography with a Hand-held Plenoptic Camera", 
 from torch import Tensor
 
 from lfref.errors import chosen
-from lfref.functional.devices import is_known, sent
+from lfref.functional.devices import is_known, on_device
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
-from lfref.refocus.sampling import BORDERS, INTERPOLATIONS, Border, Interpolation
+from lfref.refocus.sampling import BORDERS, CUBIC, INTERPOLATIONS, Border, Interpolation
 from lfref.refocus.shift import shift_numba, shift_plan
 from lfref.refocus.shift.shift_bands import sum_by_bands
 from lfref.refocus.shift.shift_phases import sum_by_phases
@@ -113,16 +113,16 @@ def summed(
         return shift_numba.shift_and_sum(views, plan)
     if widths is not None:
         farthest = footprint.radius(float(widths.max())) if reach is None else reach
-        boxes = footprint.taps(sent(widths, views.device), farthest)
+        boxes = footprint.taps(on_device(widths, views.device), farthest)
         shifts = Shifts(shifts.rows, shifts.columns, boxes)
     shifts = shifts.to(views.device)
-    aperture = sent(aperture, views.device, batches.working_dtype(views.dtype))
+    aperture = on_device(aperture, views.device, batches.working_dtype(views.dtype))
     method = sum_by_bands if interpolation.weights is not None else sum_by_phases
     return method(views, shifts, aperture, interpolation, border)
 
 
 def sums_of(views: Tensor, slopes: Tensor) -> Tensor:
     """The sums of one light field [V, U, C, H, W] at slopes [N] that a device computes, by cubic interpolation."""
-    grid, cubic = (views.shape[0], views.shape[1]), INTERPOLATIONS["cubic"]
+    grid = views.shape[0], views.shape[1]
     aperture = batches.checked_weights(None, grid)
-    return summed(views[None], shifts_of(slopes, grid, cubic), None, aperture, cubic, BORDERS["renormalize"])[0]
+    return summed(views[None], shifts_of(slopes, grid, CUBIC), None, aperture, CUBIC, BORDERS["renormalize"])[0]

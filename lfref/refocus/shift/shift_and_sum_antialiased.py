@@ -10,18 +10,17 @@ Letters: `s` slope in pixels per view step, `N` planes.
 import torch
 from torch import Tensor
 
-from lfref.functional.devices import is_known, length_of, sent
+from lfref.functional.devices import is_known, length_of, on_device
 from lfref.geometry import Slopes
 from lfref.refocus import batches
 from lfref.refocus.focus import line_range
 from lfref.refocus.focus.line_range import Ends
 from lfref.refocus.operator import has_traits
-from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.sampling import BORDERS, CUBIC
 from lfref.refocus.scene import Scene, scenes_of
 from lfref.refocus.shift.shift_and_sum import summed
 from lfref.refocus.shift.shifts import shifts_of
 
-CUBIC = INTERPOLATIONS["cubic"]
 FADE = 0.3
 """Pixels per view step over which a sum of points gives way to one of cells: films through the planes stay smooth."""
 LEAST_BLUR = 1.0
@@ -63,12 +62,12 @@ def shift_and_sum_antialiased(
     aperture = batches.checked_weights(weights, grid)
     shifts = shifts_of(planes, grid, CUBIC, positions)
     stacks = []
-    for field, known in zip(batch, scenes_of(batch, scene, weights, positions), strict=True):
-        widths, reach = cell_widths(sent(planes, field.device), known.ends).clamp(max=min(size)), None
+    for field, own in zip(batch, scenes_of(batch, scene, weights, positions), strict=True):
+        widths, reach = cell_widths(on_device(planes, field.device), own.ends).clamp(max=min(size)), None
         if not is_known(widths):
-            beyond = line_range.BEYOND * known.lines.factor
-            if known.known is not None:
-                beyond = max(beyond, -known.known.low, known.known.high)
+            beyond = line_range.BEYOND * own.lines.factor
+            if own.known is not None:
+                beyond = max(beyond, -own.known.low, own.known.high)
             reach = length_of(((planes.abs().amax(0) + beyond) / 2).ceil().long() + 1)
         stacks.append(summed(field[None], shifts, widths, aperture, CUBIC, BORDERS["renormalize"], reach))
     # A single one is not copied: that would take a tenth of all the time.

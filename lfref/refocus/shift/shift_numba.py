@@ -223,7 +223,7 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
             for u, shift in enumerate(columns):
                 for offset, weight in plan.interpolation.taps(shift) if part[:, u].sum() > 0 else ():
                     if weight != 0:
-                        begin, end = plan.span(shift, 1)
+                        begin, end = plan.border.span(shift, width)
                         line.append((u, u * row_length + reach + offset, weight, (begin, end)))
             planes[-1].append(line)
     groups = np.array([max(-(-len(taps) // TAPS) for taps in plane) for plane in planes])
@@ -249,7 +249,7 @@ def _horizontal(plan: Plan, row_length: int, working: np.dtype) -> Horizontal:
 def _vertical(plan: Plan, working: np.dtype) -> Vertical:
     taps = np.array([[plan.interpolation.taps(shift) for shift in rows] for rows in plan.rows])
     is_open = np.array(plan.aperture).sum(axis=1) > 0
-    spans = np.array([[plan.span(shift, 0) for shift in rows] for rows in plan.rows])
+    spans = np.array([[plan.border.span(shift, plan.size[0]) for shift in rows] for rows in plan.rows])
     offsets, weights = taps[..., 0].astype(np.int64), (taps[..., 1] * is_open[:, None]).astype(working)
     # Offsets of taps without weight must not lengthen the ring of unfinished rows.
     offsets = np.where(weights != 0, offsets, offsets[:, :1, :1])

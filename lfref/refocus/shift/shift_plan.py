@@ -38,10 +38,6 @@ class Plan(NamedTuple):
         lines = (*self.rows, *(line for plane in self.columns for line in plane))
         return math.ceil(max(abs(shift) for line in lines for shift in line)) + 1
 
-    def span(self, shift: float, axis: int) -> tuple[int, int]:
-        """First and one-past-last output sample that a view shifted along an axis of [H, W] counts for."""
-        return self.border.span(shift, self.size[axis])
-
     def shifts(self, n: int) -> Shifts:
         """Those of plane n as tensors."""
         rows, columns, widths = (

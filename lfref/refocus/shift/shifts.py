@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lfref.functional.devices import sent
+from lfref.functional.devices import on_device
 from lfref.refocus import batches, footprint, sampling
 from lfref.refocus.sampling import Border, Interpolation
 
@@ -30,7 +30,7 @@ class Shifts:
 
     def to(self, device: torch.device) -> "Shifts":
         """The same on a device."""
-        rows, columns = (sent(part, device) for part in (self.rows, self.columns))
+        rows, columns = (on_device(part, device) for part in (self.rows, self.columns))
         return Shifts(rows, columns, self.boxes)
 
     def sampled(self, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
@@ -67,7 +67,7 @@ def shifts_of(
 ) -> Shifts:
     """The shifts for slopes [N], on their device."""
     cameras = batches.lines(grid, positions)
-    rows, columns = (interpolation.snap(moved(planes, sent(offsets, planes.device))) for offsets in cameras)
+    rows, columns = (interpolation.snap(moved(planes, on_device(offsets, planes.device))) for offsets in cameras)
     return Shifts(rows, columns)
 
 
