@@ -11,7 +11,7 @@ FIELD = $(or $(INPUT),$(DEMO)/evening/evening)
 DEMO_TEXT = refnet_demo is a small RefNet that learned for half a minute on 80 simulated scenes. It shows that the network \
 of the paper refocuses, not how well it can: method=refnet is one that learned for longer.
 # Methods of `lfref bench` that the demo leaves out, to be short.
-SLOW = $(foreach name,shift_and_sum_nearest shift_and_sum_cubic shift_and_sum_exact fourier_slice_linear \
+SLOW = $(foreach name,shift_and_sum_nearest shift_and_sum_cubic fourier_slice_linear \
 	shift_and_sum_fill shift_and_sum_cubic_fill exact_fourier_fill disparity_layers,~methods.$(name))
 # More arguments for pip, for example PIP_ARGS="--extra-index-url https://download.pytorch.org/whl/cpu".
 PIP_ARGS ?=
@@ -28,7 +28,7 @@ help:
 	@echo "make test-slow                  the site, and the tests that take longer"
 	@echo "make site                       the pages and the reference as a site, in runs/site"
 	@echo "make figures                    measure the figures of README and docs again"
-	@echo "make paper                      the paper's experiments, against the truth; goes on where it was stopped"
+	@echo "make paper                      the paper's experiments with the networks of 'make weights', against the truth"
 	@echo "make ablations                  which of the paper's choices matter; goes on where it was stopped"
 	@echo "make gpu [MINUTES=10]           what needs a GPU: tests, benches, the paper's network; goes on where it was stopped"
 	@echo "make weights                    train the networks that ship again"

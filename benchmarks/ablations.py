@@ -2,7 +2,7 @@
 
 Results go into `docs/ablations.csv` after each training. `make ablations` trains what is missing there, so that the
 experiment goes on where it was stopped, on any machine. A row counts while its setup, read from the configuration, and
-sim30 are the same. With `--runs` elsewhere nothing is written into the pages.
+sim30 are the same.
 """
 
 import argparse
@@ -10,15 +10,13 @@ import functools
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pages
 import pandas as pd
 import paper
-import torch
 from omegaconf import OmegaConf
 from paper import CLASSICAL, PLANES
 from rich.progress import track
@@ -30,11 +28,13 @@ from lfref.io.run import Run
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import tables
-from lfref.report.sweeps import t_interval
+from lfref.report.sections import t_interval
 from lfref.simulator import sim30
 
 RUNS, RESULTS = pages.ROOT / "runs" / "ablations", pages.ROOT / "docs" / "ablations.csv"
 SETUP = ("experiment=paper_small",)
+QUIET = tuple(f"+trainer.enable_{what}=false" for what in ("progress_bar", "model_summary"))
+QUIET += ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures", "data.workers=0")
 LABEL = "shift_and_sum"
 METHODS = (RIVAL, LABEL)
 """Rows above the trainings."""
@@ -89,16 +89,17 @@ class Member(NamedTuple):
     """Hash of all that determines the result: network, loss, steps, data, and the scenes of the evaluation."""
     overrides: tuple[str, ...]
 
-    def folder(self, runs: Path) -> Path:
+    @property
+    def folder(self) -> Path:
         """Its run folder."""
         name = "".join(letter if letter.isalnum() else "_" for letter in self.variant)
-        return runs / f"{name}_{self.seed}_{self.setup}"
+        return RUNS / f"{name}_{self.seed}_{self.setup}"
 
 
-def members(n_seeds: int, overrides: Iterable[str] = ()) -> Iterator[Member]:
+def members(n_seeds: int) -> Iterator[Member]:
     """All trainings, seed by seed, so that one seed of every variant comes before the second of any."""
     for seed, (variant, changes) in itertools.product(range(n_seeds), VARIANTS.items()):
-        words = (*SETUP, *changes, f"seed={seed}", *overrides)
+        words = (*SETUP, *changes, f"seed={seed}")
         config = pages.composed("train", *words)
         parts = [sim30.VERSION, config.trainer.max_steps, config.trainer.precision]
         parts += [configs.plain(config[part]) for part in DECISIVE]
@@ -106,29 +107,28 @@ def members(n_seeds: int, overrides: Iterable[str] = ()) -> Iterator[Member]:
         yield Member(variant, seed, f"setup_{digest[:12]}", words)
 
 
-def results(path: Path) -> pd.DataFrame:
+def results() -> pd.DataFrame:
     """The results so far, by any setup."""
-    return tables.read_table(path).astype({"seed": int}) if path.exists() else pd.DataFrame(columns=KEY)
+    return tables.read_table(RESULTS).astype({"seed": int}) if RESULTS.exists() else pd.DataFrame(columns=KEY)
 
 
-def train(wanted: Sequence[Member], path: Path, n_processes: int, row: Callable[[Member], Mapping[str, Any]]) -> None:
+def train(wanted: Iterable[Member], cases: Sequence[EvaluationCase]) -> None:
     """Make the rows that are missing, and write each as it comes; the first failure ends the experiment."""
-    done = set(results(path)[KEY].itertuples(index=False, name=None))
-    missing = [member for member in wanted if member[: len(KEY)] not in done]
-    with ThreadPoolExecutor(n_processes) as pool:
-        for new in track(pool.map(row, missing), description="training", total=len(missing)):
-            rows = results(path)
-            others = rows[(rows["variant"] != new["variant"]) | (rows["seed"] != new["seed"])]
-            tables.write_table(path, [*others.to_dict("records"), new])
+    done = set(results()[KEY].itertuples(index=False, name=None))
+    for member in track([member for member in wanted if member[: len(KEY)] not in done], description="training"):
+        rows = results()
+        others = rows[(rows["variant"] != member.variant) | (rows["seed"] != member.seed)]
+        tables.write_table(RESULTS, [*others.to_dict("records"), trained(member, cases)])
 
 
-def trained(member: Member, runs: Path, cases: Sequence[EvaluationCase]) -> dict[str, Any]:
-    """The row of a training, which is trained first unless it is."""
-    folder = member.folder(runs)
-    paper.train(folder, member.overrides)
-    facts = Run(folder).training
-    row = dict(zip(KEY, member, strict=False)) | {"n_parameters": facts["n_parameters"]}
-    return row | {"training_s": round(facts["seconds"])} | measured(load(folder), cases)
+def trained(member: Member, cases: Sequence[EvaluationCase]) -> dict[str, Any]:
+    """The row of a training, which is trained first unless it is, in a process of one thread."""
+    run = Run(member.folder)
+    if not run.is_finished:
+        words = ["train", *member.overrides, *QUIET, f"output={member.folder}", "resume=auto"]
+        pages.lfref(*words, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+    row = dict(zip(KEY, member, strict=False)) | {"n_parameters": run.training["n_parameters"]}
+    return row | {"training_s": round(run.training["seconds"])} | measured(load(member.folder), cases)
 
 
 def measured(method: Refocuser, cases: Sequence[EvaluationCase]) -> dict[str, float]:
@@ -189,32 +189,15 @@ def difference(values: pd.Series) -> str:
 
 
 def main() -> None:
-    """Train, evaluate, time; then fill the page, or print its lines."""
+    """Train, evaluate, time; then fill the page."""
     parser = argparse.ArgumentParser(description="Which choices matter in a small RefNet that works.")
-    parser.add_argument("overrides", nargs="*", help="of lfref train, with --runs elsewhere")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of networks, and of results if not the default")
-    parser.add_argument("--scenes", nargs="+", default=list(sim30.SCENES), help="of sim30, with --runs elsewhere")
-    parser.add_argument("--processes", type=int, default=1, help="trainings side by side, of one thread each")
     parser.add_argument("--seeds", type=int, default=3, help="how many; more can be added later")
-    options = parser.parse_args()
-    runs = options.runs.resolve()
-    is_ours = runs == RUNS
-    if is_ours and (options.overrides or options.scenes != list(sim30.SCENES)):
-        parser.error("other overrides and scenes need --runs elsewhere: they would mix with the results of the page")
-    path, wanted = RESULTS if is_ours else runs / "ablations.csv", list(members(options.seeds, options.overrides))
-    cases = list(paper.cases(options.scenes))
-    n_threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # evaluations run beside trainings
-    train(wanted, path, options.processes, functools.partial(trained, runs=runs, cases=cases))
-    torch.set_num_threads(n_threads)
+    wanted, cases = list(members(parser.parse_args().seeds)), list(paper.cases())
+    train(wanted, cases)
     methods = [{"variant": name, "seed": 0} | measured(CLASSICAL[name], cases) for name in METHODS]
-    rows, keys = results(path), {member[: len(KEY)] for member in wanted}
+    rows, keys = results(), {member[: len(KEY)] for member in wanted}
     rows = rows[[key in keys for key in rows[KEY].itertuples(index=False, name=None)]]
-    lines = list(table(pd.concat([pd.DataFrame(methods), rows]), times()))
-    if is_ours:
-        pages.fill({"ablations": lines})
-    else:
-        print(*lines, sep="\n")
+    pages.fill({"ablations": table(pd.concat([pd.DataFrame(methods), rows]), times())})
 
 
 if __name__ == "__main__":

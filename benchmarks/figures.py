@@ -24,7 +24,8 @@ from pages import FIGURES, number, row
 
 import lfref
 from lfref.bench.evaluation import ALIASED, CORRECTED, IDEAL, MEAN_CAP_DB, SENSOR, WIDE
-from lfref.report import stability_table, tables
+from lfref.bench.stability.trials import OURS
+from lfref.report import tables
 from lfref.simulator import planner, sim30
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
 
@@ -190,7 +191,7 @@ def trials() -> Iterator[str]:
     yield ""
     yield "Of ours these do not hold:"
     yield ""
-    lost = rows[(rows["formulation"] == stability_table.OURS) & (rows["outcome"] != "holds")]
+    lost = rows[(rows["formulation"] == OURS) & (rows["outcome"] != "holds")]
     reasons = lost["note"].fillna(lost["case"] + " in " + lost["precision"])
     for (component, outcome), cases in reasons.groupby([lost["component"], lost["outcome"]], sort=False):
         yield f"- {component}: {outcome} ({', '.join(cases)})"
@@ -269,7 +270,7 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "methods": (BENCH, methods),
     "corrected": (BENCH, corrections),
     "wide": (BENCH, wide),
-    "refiner": (BENCH, gains),
+    "learned": (BENCH, gains),
     "causes": (FIGURES / "causes", causes),
     "operators": (FIGURES / "operators", operators),
     "trials": (FIGURES / "stability", trials),

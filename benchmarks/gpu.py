@@ -22,8 +22,8 @@ STEP_S = 600
 GRACE_S = 60
 """Seconds that a stopped training has for its checkpoint."""
 LABELS = ("shift_and_sum", "fourier_slice", "rendered")
-LONG, LONGER = "long", 5
-"""Another training on the first of the labels, and how many times as long it is."""
+EPOCHS, LONG, LONGER = 16, "long", 5
+"""Of 64 light fields; another training on the first of the labels, and how many times as long it is."""
 
 
 TRAIN = (
@@ -44,8 +44,8 @@ BENCH = {
 """Overrides of the benches, by their group."""
 
 
-def steps(epochs: int) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Name and command of all steps in their order, for trainings of so many epochs of 64 light fields."""
+def steps() -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Name and command of all steps in their order."""
     benchmarks = pages.ROOT / "benchmarks"
     # An operator that is wrong on this GPU should be known before anything is measured.
     yield "tests", (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "gpu", "tests")
@@ -54,9 +54,9 @@ def steps(epochs: int) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield f"bench_{group}", (*LFREF, "bench", f"suite={group}", "device=cuda", *overrides)
     yield "training_speed", (sys.executable, str(benchmarks / "scale.py"), "steps")
     for name in (*LABELS, LONG):
-        n_epochs, label = (LONGER * epochs, LABELS[0]) if name == LONG else (epochs, name)
+        n_epochs, label = (LONGER * EPOCHS, LABELS[0]) if name == LONG else (EPOCHS, name)
         words = ("experiment=paper", f"label={label}", "data=simulated", "data.n_validation=2", *TRAIN)
-        lengths = (f"trainer.max_epochs={n_epochs}", f"+trainer.check_val_every_n_epoch={min(4, n_epochs)}")
+        lengths = (f"trainer.max_epochs={n_epochs}", "+trainer.check_val_every_n_epoch=4")
         yield f"train_{name}", (*LFREF, "train", *words, *lengths, "resume=auto")
     networks = (f"--network={label}={RUNS / f'train_{label}'}" for label in LABELS)
     paper = str(benchmarks / "paper.py")
@@ -90,13 +90,12 @@ def main() -> None:
     """Do the steps that are left, as long as time allows; the status is 1 if one failed."""
     parser = argparse.ArgumentParser(description="What needs a GPU, in steps that can be repeated.")
     parser.add_argument("--minutes", type=float, default=10, help="for all steps of this call")
-    parser.add_argument("--epochs", type=int, default=16, help="of the trainings; a long one takes five times as many")
     parser.add_argument("--only", nargs="*", default=[], help="names of steps; none: all")
     options = parser.parse_args()
     if not torch.cuda.is_available():
         raise SystemExit("no GPU here")
     end, has_failed = time.monotonic() + 60 * options.minutes, False
-    for name, command in steps(options.epochs):
+    for name, command in steps():
         if (options.only and name not in options.only) or (RUNS / f"{name}.done").exists():
             continue
         start = time.monotonic()

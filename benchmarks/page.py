@@ -20,7 +20,6 @@ from typing import Any
 
 import pages
 from PIL import Image, ImageDraw
-from torch import Tensor
 from torch.nn import functional as F
 
 import lfref
@@ -85,16 +84,13 @@ def make() -> None:
     # At the 42 dB of other pages it would have 10 MB, not 3.5; the pictures at rest have that all the same.
     words.append("page_quality.least_db=36")
     pages.lfref("view", RUN / "evening.exr", *words, f"output={PAGE.parent}", "overwrite=true")
-    images.write_image(CARD, pictures.for_display(_card(field.views)), quality=88)
-
-
-def _card(views: Tensor) -> Tensor:
-    """The scene focused on the fruit, [C, H, W], cut and enlarged to the card's size."""
-    focused = lfref.blockwise_wiener(views, [FRUIT], weights=apertures.disc((7, 7)))[0]
+    # The card is the scene focused on the fruit, cut and enlarged.
+    focused = lfref.blockwise_wiener(field.views, [FRUIT], weights=apertures.disc((7, 7)))[0]
     height = focused.shape[-1] * CARD_SIZE[0] // CARD_SIZE[1]
     top = (focused.shape[-2] - height) // 2
     window = focused[None, :, top : top + height]
-    return F.interpolate(window, CARD_SIZE, mode="bicubic", antialias=True)[0].clamp(min=0)
+    card = F.interpolate(window, CARD_SIZE, mode="bicubic", antialias=True)[0].clamp(min=0)
+    images.write_image(CARD, pictures.for_display(card), quality=88)
 
 
 @contextmanager
@@ -109,15 +105,13 @@ def chromium() -> Iterator[Any]:
         browser.close()
 
 
-def opened(browser: Any, page: Path, size: tuple[int, int], waits_ms: int | None = None, **options: Any) -> Any:
-    """A page in a window of a size, whose lens is ready and rests; or one that nothing has asked for some time."""
+def opened(browser: Any, page: Path, size: tuple[int, int], waits_ms: int = 0, **options: Any) -> Any:
+    """A page in a window of a size, whose lens is ready and rests; nothing asks it before some time has passed."""
     viewport = dict(zip(("width", "height"), size, strict=True))
     tab = browser.new_context(viewport=viewport, **{"reduced_motion": "reduce"} | options).new_page()
     tab.goto(page.as_uri())
-    if waits_ms is None:
-        tab.wait_for_function(RESTS)
-    else:
-        tab.wait_for_timeout(waits_ms)
+    tab.wait_for_timeout(waits_ms)
+    tab.wait_for_function(RESTS)
     return tab
 
 
@@ -167,10 +161,8 @@ def measure(page: Path) -> dict[str, Any]:
     with chromium() as browser:
         for _ in range(LOADS):
             # Nothing asks the page before it has painted: questions take time on the thread that paints.
-            untouched = opened(browser, page, (1280, 900), UNTOUCHED_MS)
-            times["paint"].append(untouched.evaluate(FIRST_PAINT))
-            untouched.context.close()
-            tab = opened(browser, page, (1280, 900))
+            tab = opened(browser, page, (1280, 900), UNTOUCHED_MS)
+            times["paint"].append(tab.evaluate(FIRST_PAINT))
             times["ready"].append(tab.evaluate("() => readyAt"))
             times["following"].append(tab.evaluate(EVENTS, N_EVENTS))
             tab.context.close()

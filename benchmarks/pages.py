@@ -15,7 +15,6 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
-from lfref.bench import timing
 from lfref.cli import config as configs
 from lfref.geometry import planes_at_alphas
 from lfref.io import atomic
@@ -65,11 +64,6 @@ def number(value: float, form: str = ".1f") -> str:
 def machine(facts: Mapping[str, object]) -> str:
     """Processor and libraries in one line."""
     return f"{facts['processor']}, {facts['threads']} threads, torch {facts['torch']}, NumPy {facts['numpy']}"
-
-
-def this_machine() -> str:
-    """`machine` of the processor at work."""
-    return machine(timing.facts(CPU))
 
 
 def lfref(*words: object, **environment: str) -> None:

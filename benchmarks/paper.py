@@ -1,8 +1,8 @@
 """The paper's claims, measured with small networks that work: tables and pictures of `paper.md`.
 
-Run by `make paper`. The networks are those of `make weights`, runs in `runs/weights`; what is missing there is trained.
-With `--runs` elsewhere nothing is written into the pages: `paper.py --runs FOLDER --network LABEL=PATH` evaluates
-another network, a run folder or a file. `--speed` measures only times, with untrained networks.
+Run by `make paper`, with the networks of `make weights`, runs in `runs/weights`. With `--runs` elsewhere nothing is
+written into the pages: `paper.py --runs FOLDER --network LABEL=PATH` evaluates another network, a run folder or a file.
+`--speed` measures only times, with untrained networks.
 Letters: `N` planes, `C H W` channel, pixel row and column, `u v` view column and row, `k` cycles per pixel.
 """
 
@@ -28,18 +28,12 @@ from torch.nn import functional as F
 from lfref import geometry
 from lfref.bench import accuracy, evaluation, timing
 from lfref.bench.accuracy import RIVAL
-from lfref.bench.evaluation import EvaluationCase
+from lfref.bench.evaluation import TRUTH, EvaluationCase
 from lfref.cli import config as configs
 from lfref.data.datamodules import SimulatedSource
 from lfref.io import write
 from lfref.io.read import read
-from lfref.io.run import Run
 from lfref.lightfield import LightField
-from lfref.refocus.blockwise_wiener import blockwise_wiener
-from lfref.refocus.fourier.slice import fourier_slice
-from lfref.refocus.mean_of_views import mean_of_views
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
@@ -50,38 +44,19 @@ from lfref.simulator.scene import Camera
 from lfref.simulator.scenes import RandomScenes
 
 RUNS, WEIGHTS = pages.ROOT / "runs" / "paper", pages.ROOT / "runs" / "weights"
-CLASSICAL = {
-    name: OperatorRefocuser(name, operator)
-    for name, operator in {
-        RIVAL: mean_of_views,
-        "shift_and_sum": shift_and_sum,
-        "fourier_slice": functools.partial(fourier_slice, kernel="kaiser_bessel", width=4, padding=2),
-        "fourier_slice_linear": functools.partial(fourier_slice, kernel="linear", padding=1),
-        "shift_and_sum_antialiased": shift_and_sum_antialiased,
-        "blockwise_wiener": blockwise_wiener,
-    }.items()
-}
-"""The settings of `conf/method`."""
 LABELS = ("shift_and_sum", "fourier_slice")
 METHODS = (RIVAL, *LABELS, "fourier_slice_linear", "blockwise_wiener")
+SETTINGS = pages.composed("bench").methods
+CLASSICAL = {name: configs.build(SETTINGS[name]) for name in (*METHODS, "shift_and_sum_antialiased")}
 NETWORKS = {
     "shift_and_sum": "RefNet on shift_and_sum",
     "fourier_slice": "RefNet on fourier_slice",
     "rendered": "RefNet on the truth",
 }
 """Label source, a file of `conf/label` -> the method of its network."""
-RECIPES = {
-    "shift_and_sum": ["experiment=refnet", "label=shift_and_sum"],
-    "fourier_slice": ["experiment=refnet_truth", "label=fourier_slice"],
-    "rendered": ["experiment=refnet_truth"],
-}
-"""Label source -> overrides of `lfref train`."""
-TRUTH = evaluation.TRUTH
 OWN = dict(zip(NETWORKS.values(), (*LABELS, TRUTH), strict=True))
 """Method of each network -> its labels."""
 KEYS = ["method", "reference"]
-QUIET = tuple(f"+trainer.enable_{what}=false" for what in ("progress_bar", "model_summary"))
-QUIET += ("~callbacks.progress", "~callbacks.summary", "~callbacks.pictures", "data.workers=0")
 LEAST_DB, LEAST_SSIM = 30, 0.925
 """Quality by which scenes are counted."""
 QUALITY = {
@@ -108,16 +83,9 @@ LAPLACIAN = torch.tensor([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])[N
 # Networks and methods on sim30
 
 
-def train(folder: Path, overrides: Sequence[str]) -> None:
-    """Train a network in a process of one thread; a finished one stays as it is, an interrupted one goes on."""
-    if not Run(folder).is_finished:
-        words = ["train", *overrides, *QUIET, f"output={folder}", "resume=auto"]
-        pages.lfref(*words, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
-
-
-def cases(names: Iterable[str] = sim30.SCENES) -> Iterator[EvaluationCase]:
+def cases() -> Iterator[EvaluationCase]:
     """Scenes of sim30 as a perfect sensor records them, with their truth at the paper's planes."""
-    for name in track(list(names), description="evaluating"):
+    for name in track(list(sim30.SCENES), description="evaluating"):
         yield evaluation.ideal_case(sim30.SCENES[name], PLANES.slopes, CPU)
 
 
@@ -296,7 +264,7 @@ def speed() -> Iterator[str]:
     yield f"Light fields of 7x7x3x{size}, 16 planes, float32; NumPy's FFT of one takes {fft:.2f} s."
     yield "Disk: 49 PNG files, in the system's cache, to 16. Shift-and-sum makes all planes"
     yield f"{1 / one['shift_and_sum']:.0f} times faster than the FFT; RefNet takes {one['RefNet']:.1f} FFTs."
-    yield f"{pages.this_machine()}; medians."
+    yield f"{pages.machine(timing.facts(CPU))}; medians."
 
 
 COLOURS = {
@@ -329,11 +297,10 @@ def scatter(rows: pd.DataFrame) -> Figure:
 
 
 def main() -> None:
-    """Train what is missing, evaluate, draw; then fill the pages, or print their lines."""
+    """Evaluate, draw; then fill the pages, or print their lines."""
     parser = argparse.ArgumentParser(description="The paper's claims, measured.")
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the results")
     parser.add_argument("--network", action="append", default=[], metavar="LABEL=PATH", help="another run or file")
-    parser.add_argument("--scenes", nargs="+", default=list(sim30.SCENES), help="of sim30")
     parser.add_argument("--speed", action="store_true", help="measure only times, and fill their table")
     options = parser.parse_args()
     if options.speed:
@@ -343,12 +310,10 @@ def main() -> None:
     paths |= {label: Path(path) for label, _, path in (each.partition("=") for each in options.network)}
     networks = []
     for label, path in paths.items():
-        if path.parent == WEIGHTS:
-            train(path, RECIPES[label])
         networks.append(load(path))
         networks[-1].name = NETWORKS[label]
     methods = [*(CLASSICAL[name] for name in METHODS), *networks]
-    rows = plane_rows(cases(options.scenes), methods, LABELS)
+    rows = plane_rows(cases(), methods, LABELS)
     tables.write_table(options.runs / "planes.csv", rows)
     by_pair = scores(rows)
     spent = times({each.name: functools.partial(each, slopes=PLANES.slopes) for each in methods})
@@ -359,7 +324,6 @@ def main() -> None:
         "paper_quality": table(by_pair, pairs, QUALITY, spent),
         "paper_colour": table(by_pair, pairs, COLOUR, spent),
         "paper_planes": planes(rows),
-        "paper_scatter": ["![MPSNR against MSSIM, a point a scene](pictures/paper_scatter.png)"],
     }
     is_ours = options.runs == RUNS
     pictures.save(scatter(rows), (pages.PICTURES if is_ours else options.runs) / "paper_scatter.png")

@@ -32,9 +32,9 @@ import lfref
 from lfref.functional.psnr import psnr
 from lfref.simulator import materials, painting
 from lfref.simulator.bitmaps import OVERSAMPLING, Canvas
-from lfref.simulator.materials import Emissive, Matte, Mirror
+from lfref.simulator.materials import Emissive, Mirror
 from lfref.simulator.mattes import Disc, Full, Outline, Polygon
-from lfref.simulator.scene import Camera, Light, Scene, Surface
+from lfref.simulator.scene import Camera, Scene, Surface
 from lfref.simulator.surfaces import Dome, Plane
 from lfref.simulator.textures import Checker, Flat, Noise, Stripes, Texture
 
@@ -72,12 +72,6 @@ def mirror(aperture: str = "disc") -> Scene:
     return _scene("mirror", aperture, wall, Surface(Plane(0.5), Flat((0.8, 0.3, 0.2)), _card(-30, -20, 25, 20), shown))
 
 
-def matte() -> Scene:
-    """One slanted matte surface under a coloured light."""
-    wall = Surface(Plane(0.2, (0.01, 0.004)), Noise((0.5, 0.5, 0.5), (0.25, 0.25, 0.25)))
-    return Scene(Camera((7, 7), (32, 48)), (wall,), Light(1.5, (1.0, 0.8, 0.5)), name="matte")
-
-
 SCENES = (cards, relief, mirror)
 
 
@@ -112,8 +106,7 @@ class MitsubaScene:
     """A scene for Mitsuba to render.
 
     Args:
-        scene: Emissive surfaces and mirrors, or one matte surface under an even sky. Outlines are full, discs, or have
-            four corners, clockwise in the picture.
+        scene: Emissive surfaces and mirrors. Outlines are full, discs, or have four corners, clockwise in the picture.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -125,9 +118,6 @@ class MitsubaScene:
             if layer.reflection:
                 canvas = layer.reflection.picture.canvas
                 parts[f"mirrored_{index}"] = _mirrored(layer.surface, canvas, (scene.seed, index, 1))
-        if any(isinstance(surface.material, Matte) for surface in scene.surfaces):
-            light = [scene.light.gain * share for share in scene.light.colour]
-            parts["sky"] = {"type": "constant", "radiance": {"type": "rgb", "value": light}}
         self.scene = mi.load_dict({"type": "scene", "integrator": {"type": "path", "max_depth": 4}, **parts})
 
     def view(self, p: float, q: float, slope: float = 0.0, samples: int = 64, seed: int = 0) -> Tensor:
@@ -199,8 +189,6 @@ def _surface(surface: Surface, canvas: Canvas, key: tuple[int, ...]) -> Any:
     z = distance(surface.geometry.disparity_at(x, y).expand(x.shape))
     points = torch.stack([x * z / FOCAL, y * z / FOCAL, z], -1)
     colours = _sharpened_texture(surface.texture, canvas, key)
-    if isinstance(material, Matte):
-        return _mesh(points, _texture_coordinates(x, y, canvas), {"type": "diffuse", "reflectance": _bitmap(colours)})
     bsdf: dict[str, Any] = {"type": "conductor", "specular_reflectance": materials.reflectance(material)}
     if surface.opacity < 1:
         bsdf = {"type": "mask", "opacity": surface.opacity, "bsdf": bsdf}
@@ -282,19 +270,18 @@ def table() -> Iterator[str]:
     """The least PSNR of views and truth of each scene, and of Mitsuba's pictures against others of its own."""
     headings = ("views, dB", "apart from edges, dB", "truth, disc, dB", "truth, square, dB", "Mitsuba's noise, dB")
     yield from pages.head("scene", *headings)
-    for make in (*SCENES, matte):
+    for make in SCENES:
         world = MitsubaScene(make())
         ours = lfref.simulate(make(), outputs=("views",), slopes=[0.0]).views
         views = [ours[view] for view in VIEWS], [world.view(u - 3, v - 3, samples=256) for v, u in VIEWS]
         values = [_least(psnr, *views), _least(apart_from_edges, *views)]
-        if make in SCENES:
-            discs, others = ([world.through_disc(slope, seed=seed) for slope in SLOPES] for seed in (0, 1))
-            squares = [world.through_square(slope) for slope in SLOPES]
-            for aperture, theirs in (("disc", discs), ("square", squares)):
-                truth = lfref.simulate(make(aperture), outputs=("truth",), slopes=SLOPES).truth
-                values.append(_least(psnr, truth, theirs))
-            values.append(_least(psnr, discs, others) + TWO_NOISES)
-        yield pages.row(make.__name__, *(f"{value:.1f}" for value in values), *[""] * (5 - len(values)))
+        discs, others = ([world.through_disc(slope, seed=seed) for slope in SLOPES] for seed in (0, 1))
+        squares = [world.through_square(slope) for slope in SLOPES]
+        for aperture, theirs in (("disc", discs), ("square", squares)):
+            truth = lfref.simulate(make(aperture), outputs=("truth",), slopes=SLOPES).truth
+            values.append(_least(psnr, truth, theirs))
+        values.append(_least(psnr, discs, others) + TWO_NOISES)
+        yield pages.row(make.__name__, *(f"{value:.1f}" for value in values))
     yield ""
     yield f"Views of {SIZE[1]}x{SIZE[0]} pixels, 7x7; the least of {len(VIEWS)} views, and of slopes"
     yield f"{', '.join(f'{slope:g}' for slope in SLOPES)}. Noise is that of the truth through a disc."

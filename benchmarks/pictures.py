@@ -32,7 +32,7 @@ from lfref.io import atomic
 from lfref.refocus.apertures import disc, gaussian, mask, square
 from lfref.refocus.focus.all_in_focus import index_to_slope
 from lfref.refocus.shift.shift_and_sum import coverage
-from lfref.report import drawing, plots, stability_table, tables
+from lfref.report import drawing, plots, tables
 from lfref.report.pictures import for_display
 from lfref.simulator import sim30, simulate
 from lfref.simulator.effects.sensor import EFFECTS, Sensor
@@ -218,10 +218,10 @@ def interpolation() -> Figure:
     views, slope = wall(0.5), [0.5]
     exact = lfref.exact_fourier(views, slope)[0]
     window = (..., slice(64, 112), slice(68, 140))
-    names = ("nearest", "linear", "cubic", "exact")
+    names = ("nearest", "linear", "cubic")
     shown = [(name, lfref.shift_and_sum(views, slope, interpolation=name)[0][window]) for name in names]
     errors = [error("error, PSNR ", image, exact[window]) for _, image in shown]
-    return sheet([*shown, *errors], 4, bar="absolute error", **ERROR)
+    return sheet([*shown, *errors], 3, bar="absolute error", **ERROR)
 
 
 def borders() -> Figure:
@@ -232,17 +232,6 @@ def borders() -> Figure:
     corners = [(name, lfref.shift_and_sum(views, slope, border=name)[0][window]) for name in names]
     share = coverage(slope, GRID, SHAPE)[0][window]
     return sheet([*corners, ("coverage", share)], 5, bar="share of views", **SHARE)
-
-
-def exact_fourier() -> Figure:
-    """The reference, and how far shift-and-sum is from it under two border rules."""
-    views, _ = still_life()
-    exact = lfref.exact_fourier(views, [NEAR])[0]
-    cells = [(f"exact_fourier\n{at(NEAR)}", exact)]
-    for name in ("wrap", "renormalize"):
-        image = lfref.shift_and_sum(views, [NEAR], interpolation="exact", border=name)[0]
-        cells.append(error(f"against exact shift_and_sum,\nborder {name}: ", image, exact))
-    return sheet(cells, bar="absolute difference", **ERROR)
 
 
 def fourier_slice() -> Figure:
@@ -311,7 +300,7 @@ def super_resolve() -> Figure:
     scene = Scene(Camera(GRID, (56, 88), samples=2), (surface,))
     views = views_of(scene.camera, surface)
     truth = lfref.simulate(simulate.finer(scene, 2), outputs=("all_in_focus",)).all_in_focus[inner]
-    mean = lfref.shift_and_sum(views, slope, interpolation="exact")[0]
+    mean = lfref.exact_fourier(views, slope)[0]
     # Fine pixels lie side by side in each pixel, as `super_resolve` has them.
     enlarged = F.interpolate(torch.stack([views[3, 3], mean]), scale_factor=2, mode="bicubic")
     names = ("one view, bicubic", "shift_and_sum, bicubic", "super_resolve")
@@ -494,11 +483,11 @@ def stability() -> Figure:
     """Trials of 1 - SSIM and of the loss in three precisions."""
     rows = tables.read_table(RUNS["stability.png"])
     rows = rows[rows["component"].isin(["1 - SSIM", "loss"]) & ~rows["case"].str.contains(DULL)]
-    return stability_table.heat_map(rows[rows["precision"].isin(["float32", "float16", "autocast bfloat16"])])
+    return plots.heat_map(rows[rows["precision"].isin(["float32", "float16", "autocast bfloat16"])])
 
 
 PHOTOGRAPHIC = (
-    *(shift_and_sum, interpolation, borders, exact_fourier, fourier_slice, focal_stack_transform, tilt_shift),
+    *(shift_and_sum, interpolation, borders, fourier_slice, focal_stack_transform, tilt_shift),
     *(per_pixel, all_in_focus, super_resolve, apertures, cells, near_focus, disparity_map),
     *(simulator_materials, simulator_sensor, simulator_truth, simulator_sim30),
 )

@@ -1,7 +1,8 @@
 """Many light fields, and long trainings: what a stream takes, and what options of `lfref train` do to a step's time.
 
-`scale.py streams` refocuses simulated captures. `scale.py steps` takes turns with precision, memory layout and
-compiling, on a GPU if there is one. Both leave tables in `runs/figures/scale`; `figures.py` puts them into the pages.
+`scale.py streams` refocuses simulated captures, in 20 GB of the folder TMPDIR. `scale.py steps` takes turns with
+precision, memory layout and compiling, on a GPU if there is one. Both leave tables in `runs/figures/scale`;
+`figures.py` puts them into the pages.
 """
 
 import argparse
@@ -37,10 +38,10 @@ SCENES, FEW, MANY = 5, 5, 50
 WORDS = ["correct=auto", "planes=auto"]
 
 
-def measure_streams(place: Path | None) -> None:
+def measure_streams() -> None:
     """Runs of few and of many captures, each a process of its own, and light fields in memory."""
     figures: dict[str, Any] = timing.facts(CPU)
-    with tempfile.TemporaryDirectory(dir=place) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         pages.lfref(
             "simulate",
             f"output={folder}/scenes",
@@ -161,11 +162,10 @@ def main() -> None:
     """Measure one of both."""
     parser = argparse.ArgumentParser(description="Many light fields, and long trainings.")
     parser.add_argument("what", choices=["streams", "steps"])
-    parser.add_argument("--on", type=Path, help="for streams: a disk with 20 GB")
     options = parser.parse_args()
     RUN.mkdir(parents=True, exist_ok=True)
     if options.what == "streams":
-        measure_streams(options.on)
+        measure_streams()
     else:
         measure_steps(torch.device("cuda" if torch.cuda.is_available() else "cpu"))
 

@@ -4,6 +4,7 @@ NAME is `refiner` (a refiner) or `refnet`. Run by `make weights`. Fills the mode
 """
 
 import argparse
+import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,6 @@ from typing import Any
 import pages
 import paper
 import torch
-import yaml
 from pages import CPU, PLANES
 
 import lfref
@@ -57,12 +57,6 @@ COLUMNS = {
     "colour_error": ("colour error", ".2%"),
 }
 """Columns of the page's table, their headings, and how their numbers are written."""
-
-
-def scenes() -> Iterator[LightField]:
-    """The scenes of sim30 as a perfect sensor records them."""
-    for name, scene in sim30.SCENES.items():
-        yield LightField(ideal_case(scene, torch.zeros(1), CPU).light.views.clamp(0, 1), name)
 
 
 def by_labels(network: networks.NetworkRefocuser, fields: Iterable[LightField]) -> dict[str, dict[str, float]]:
@@ -145,7 +139,9 @@ def main() -> None:
         state = contents["state_dict"].items()
         contents["state_dict"] = {name: value.half() if value.numel() > LARGE else value for name, value in state}
         network = networks.restored_network(run.last, contents, "refnet")
-        facts |= {"sim30": by_labels(network, scenes()), "card": REFNET_CARD}
+        ideal = (ideal_case(scene, torch.zeros(1), CPU).light for scene in sim30.SCENES.values())
+        fields = (dataclasses.replace(light, views=light.views.clamp(0, 1)) for light in ideal)
+        facts |= {"sim30": by_labels(network, fields), "card": REFNET_CARD}
         lines = {"refnet": table(network, facts, options.capture)}
     else:
         contents = scaled(checkpoint.read(run.best), options.scale)
@@ -153,7 +149,6 @@ def main() -> None:
         lines = {"cards": card(facts, path, sum(value.numel() for value in contents["state_dict"].values()))}
     checkpoint.write_weights(path, contents, facts)
     pages.fill(lines)
-    print(yaml.safe_dump({**facts, "file": str(path), "bytes": path.stat().st_size}, sort_keys=False))
 
 
 if __name__ == "__main__":

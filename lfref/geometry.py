@@ -35,14 +35,11 @@ CONVENTIONS: dict[str, Convention] = {
 
 
 def slopes(alphas: Iterable[float], convention: str = "ng") -> Tensor:
-    """Slopes of the focal planes at these alphas.
+    """Slopes of the focal planes at these alphas, in pixels per view step, float64, [N].
 
     Args:
         alphas: Relative focal distances, finite and above 0, [N].
         convention: `ng` (s = 1 - 1/alpha) or `parallel` (s = alpha - 1).
-
-    Returns:
-        Slopes in pixels per view step, float64, [N].
 
     Example:
         >>> slopes([0.125, 1, 2]).tolist()
@@ -109,10 +106,7 @@ def checked_slopes(slopes: Slopes, grid: Sequence[float], size: Sequence[int]) -
 
 @dataclass(frozen=True, init=False)
 class FocalPlanes:
-    """The planes of a refocused stack: slopes, in the order of the stack.
-
-    Alphas and even ranges are other ways to write them: see `planes_at_alphas` and `even_planes`. Planes with equal
-    slopes are equal, however they were written.
+    """The planes of a refocused stack: slopes, in the order of the stack; equal if they are equal, however written.
 
     Args:
         slopes: Finite slopes in pixels per view step, at least one, [N].
@@ -124,13 +118,9 @@ class FocalPlanes:
     """
 
     quantity: ClassVar[str] = "slope"
-    """Name of what the numbers are, for people."""
     unit: ClassVar[str] = "px per view step"
-    """Unit of the numbers."""
     values: tuple[float, ...]
-    """The slopes as plain numbers."""
     convention: str | None = field(compare=False)
-    """Meaning of alpha if the planes were written as alphas, else None."""
 
     def __init__(self, slopes: Slopes, convention: str | None = None) -> None:
         object.__setattr__(self, "values", tuple(as_slopes(slopes).tolist()))
@@ -215,10 +205,7 @@ def covered_by_disc(rows: Tensor, columns: Tensor, radius: float = 1.0) -> Tenso
 
 
 def covered_by_polygon(rows: Tensor, columns: Tensor, n_corners: int, radius: float = 1.0, turn: float = 0.0) -> Tensor:
-    """Area [J, I] that a regular polygon about 0 covers of each cell, as `covered_by_disc`.
-
-    `turn` is the angle of one corner, from the columns' axis towards the rows', in radians.
-    """
+    """Area [J, I] of a regular polygon about 0 in each cell, as `covered_by_disc`; `turn` is a corner's angle."""
     heights = [radius * math.sin(turn + 2 * corner * math.pi / n_corners) for corner in range(n_corners)]
     strips = torch.linspace(min(heights), max(heights), N_STRIPS + 1, dtype=torch.float64)
     middles = (strips[1:] + strips[:-1]) / 2

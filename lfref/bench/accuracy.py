@@ -46,11 +46,7 @@ def plane_names(planes: FocalPlanes) -> list[Row]:
 def plane_rows(
     light_field: str, stacks: Mapping[str, Tensor], labels: Mapping[str, Tensor], planes: FocalPlanes
 ) -> Iterator[Row]:
-    """Compare every stack [N, C, H, W] (by method) with every label (by source), over the whole frame as in the paper.
-
-    Yields:
-        Rows `light_field, method, reference, alpha, slope, psnr_db, ssim, colour_error`, one per plane.
-    """
+    """Compare stacks [N, C, H, W] (by method) with labels (by source) over the whole frame, as the paper does."""
     for (method, stack), (reference, label) in itertools.product(stacks.items(), labels.items()):
         names = {"light_field": light_field, "method": method, "reference": reference}
         measures = psnr(stack, label), ssim(stack, label), colour_error(stack, label)
@@ -60,10 +56,7 @@ def plane_rows(
 
 
 def colour_error(stack: Tensor, label: Tensor) -> Tensor:
-    """Error of a channel's mean as a share of the label's, mean over channels that are not black: [N, C, H, W] -> [N].
-
-    A colour cast that a PSNR hardly shows: noise has none, and a wrong bias of an output channel has nothing else.
-    """
+    """Error of a channel's mean as a share of the label's, over channels that are not black: [N, C, H, W] -> [N]."""
     mean, expected = (picture.mean((-2, -1), dtype=torch.float64) for picture in (stack, label))
     return ((mean - expected).abs() / torch.where(expected > 0, expected, torch.nan)).nanmean(-1)
 
@@ -72,11 +65,7 @@ SUMMARY_KEYS = ["light_field", "method", "reference"]
 
 
 def summaries(planes: pd.DataFrame) -> pd.DataFrame:
-    """Means of `plane_rows` over planes (the paper's Eq. 4-5), also without slope 0, beside the share `explained`.
-
-    Columns `light_field, method, reference, mpsnr_db, mssim, nonzero_mpsnr_db, nonzero_mssim`, those of `explained`,
-    and `colour_error`.
-    """
+    """Means of `plane_rows` over planes (the paper's Eq. 4-5), also without slope 0, beside the share `explained`."""
     groups, nonzero = (rows.groupby(SUMMARY_KEYS, sort=False) for rows in (planes, planes[planes["slope"] != 0]))
     means = groups.agg(mpsnr_db=("psnr_db", "mean"), mssim=("ssim", "mean"))
     means = means.join(nonzero.agg(nonzero_mpsnr_db=("psnr_db", "mean"), nonzero_mssim=("ssim", "mean")))
@@ -87,15 +76,7 @@ def summaries(planes: pd.DataFrame) -> pd.DataFrame:
 def explained(planes: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
     """Share of refocusing that methods explain: 1 - sum of squared errors / sum of those of `mean_of_views`.
 
-    Slope 0 does not count, and all other planes count alike, whatever their size.
-
-    Args:
-        planes: Columns `method`, `slope`, `psnr_db` and the keys; a row per plane.
-        keys: Columns that tell one sum from another, `method` among them.
-
-    Returns:
-        Columns `explained`, `explained_near`, `explained_wide` by the keys; NaN without such a plane or
-        `mean_of_views`.
+    Slope 0 does not count, all other planes alike; the keys tell one sum from another. NaN without plane or rival.
     """
     # A PSNR that is not a number is worse than any number.
     errors = planes.assign(error=10 ** (-planes["psnr_db"].fillna(-math.inf) / 10))
@@ -150,14 +131,10 @@ def plane_measures(stack: DisplayedStack, reference: DisplayedStack, margin: int
 
 
 SRGB_TO_XYZ = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
-"""Matrix from linear sRGB to CIE XYZ, by IEC 61966-2-1."""
 
 
 def colour_difference(prediction: Tensor, target: Tensor) -> Tensor:
-    """Delta E 2000 of every pixel, of two pictures in linear sRGB, clipped to [0, 1]: [..., 3, H, W] -> [..., H, W].
-
-    A difference of 1 is about the smallest that people see side by side.
-    """
+    """Delta E 2000 of every pixel of two pictures in linear sRGB, clipped to [0, 1]: [..., 3, H, W] -> [..., H, W]."""
     prediction, target = image_pair(prediction, target)
     return delta_e_2000(lab(prediction.clamp(0, 1)), lab(target.clamp(0, 1)))
 

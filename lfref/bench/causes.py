@@ -94,12 +94,7 @@ def _interior_psnr(stack: Tensor, reference: Tensor, margin: int) -> Tensor:
 
 @torch.no_grad()
 def rows(scenes: Iterable[Scene], remedies: Sequence[Refocuser], settings: CauseSettings) -> Iterator[Row]:
-    """Measure every cause, and what each remedy wins back, on scenes through square apertures.
-
-    Yields:
-        Rows `cause, scene, method, is_base, alpha, slope, psnr_db, cost_db, alone_db, won_db`, one per plane; slopes
-        are those of the scene's own views.
-    """
+    """Measure every cause, and what each remedy wins back, on scenes through square apertures: a row per plane."""
     for scene in scenes:
         accuracy.check_margin(settings.margin, scene.camera.size)
         for condition in _conditions(replace(scene, sensor=Sensor()), settings):
@@ -156,10 +151,7 @@ def _conditions(scene: Scene, settings: CauseSettings) -> Iterator[Condition]:
 
 
 def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_points: int) -> Tensor:
-    """The plane at a slope as the mean of sharp pictures through points of the aperture, [3, H, W].
-
-    Layers are painted for a reach of |slope|; `n_points` lie along each side of the square about the aperture.
-    """
+    """The plane at a slope as the mean of pictures through `n_points` along each side of the aperture, [3, H, W]."""
     shares = (torch.arange(n_points, dtype=torch.float64) + 0.5) / n_points - 0.5
     total, count = torch.zeros(3, *camera.size, dtype=torch.float64), 0
     for share in shares:
@@ -170,10 +162,7 @@ def through_points(layers: Sequence[Layer], camera: Camera, slope: float, n_poin
 
 
 def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:
-    """A scene of planes with all disparities times `factor`, seen by another grid of views (rows, columns).
-
-    The aperture stays the same if `factor` is the old number of views over the new one.
-    """
+    """A scene of planes with all disparities times `factor`, seen by another grid of views (rows, columns)."""
     surfaces = []
     for surface in scene.surfaces:
         assert isinstance(surface.geometry, Plane)
@@ -184,10 +173,7 @@ def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:
 
 
 def summary(rows: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Means of `rows` over scenes, and over planes unless `keys` name their columns; and the number of `scenes`.
-
-    In means, `psnr_db` and `alone_db` count by at most `MEAN_CAP_DB`; the differences `cost_db` and `won_db` are whole.
-    """
+    """Means of `rows`, PSNR capped, over scenes, and over planes unless `keys` name their columns."""
     in_db = ["psnr_db", "alone_db"]
     counted = rows.assign(**rows[in_db].clip(upper=evaluation.MEAN_CAP_DB))
     groups = counted.groupby(["cause", "method", "is_base", *keys], sort=False, dropna=False)

@@ -27,11 +27,7 @@ from lfref.refocuser.refocuser import Refocuser
 def times(
     methods: Sequence[Refocuser], fields: Sequence[LightField], slopes: Tensor, rounds: Iterable[int], warmup: int = 0
 ) -> pd.DataFrame:
-    """Time all methods and NumPy's 4-D FFT in turns, on every light field; the first rounds, `warmup`, do not count.
-
-    Returns:
-        Columns `method, median_s, p10_s, p90_s, numpy_ffts`, the FFT's row first; `numpy_ffts` is a ratio of medians.
-    """
+    """Time all methods and NumPy's 4-D FFT in turns, on every light field; the first rounds, `warmup`, do not count."""
     # A method occurs once per light field: the place of the field is part of the key.
     watches: dict[tuple[str, int], Callable[[], float]] = {
         (FFT, place): functools.partial(timing.numpy_fft_time, field.views) for place, field in enumerate(fields)
@@ -52,9 +48,7 @@ class Size(NamedTuple):
     """Size of a light field and of its stack."""
 
     views: tuple[int, int]
-    """Rows and columns of views (V, U)."""
     pixels: tuple[int, int]
-    """Height and width (H, W) of a view."""
     planes: int
 
     def count(self, axis: str) -> int:
@@ -72,13 +66,9 @@ class Scales:
     views: Sequence[int]
     """Numbers of view rows, and as many columns."""
     planes: Sequence[int]
-    """Numbers of planes."""
 
     def sizes(self, field: Size) -> dict[str, list[Size]]:
-        """Axis -> its sizes, with the field's own sizes along the other two axes.
-
-        Sides of views are rounded to lengths at which FFTs are fast, as 375 and 540 are: times depend on size only.
-        """
+        """Axis -> its sizes, with the field's own along the others; sides are lengths at which FFTs are fast."""
         height, width = field.pixels
         own = field._replace(pixels=(_fast_length(height), _fast_length(width)))
         sides = [(_fast_length(height * side), _fast_length(width * side)) for side in self.sides]
@@ -103,18 +93,16 @@ def growth_times(
     rounds: int,
     warmup: int = 0,
 ) -> pd.DataFrame:
-    """Time methods on random views of all sizes (axis -> sizes); all sizes of one method take turns.
-
-    Returns:
-        Columns `method, axis, n, median_s, min_s`, of the runs after the warm-up.
-    """
+    """Time methods on random views of all sizes (axis -> sizes); all sizes of one method take turns."""
     distinct = dict.fromkeys(size for steps in sizes.values() for size in steps)
     fields = {size: torch.rand(*size.views, channels, *size.pixels, device=device) for size in distinct}
     rows = []
     for method in methods:
         watches = {}
         for size, views in fields.items():
-            run = functools.partial(method, views, fractional_slopes(size.planes))
+            # Slopes evenly inside (-1, 1): whole slopes need no interpolation and would cost less.
+            slopes = geometry.even_slopes(size.planes, 1 / size.planes - 1, 1 - 1 / size.planes)
+            run = functools.partial(method, views, slopes)
             watches[size] = functools.partial(timing.seconds, run, device)
         seconds = timing.in_turns(watches, range(warmup + rounds), warmup)
         for axis, steps in sizes.items():
@@ -124,15 +112,7 @@ def growth_times(
 
 
 def growth_exponents(times: pd.DataFrame) -> pd.DataFrame:
-    """Least squares of log t on log n of `growth_times`: columns `method, axis, exponent`.
-
-    The fastest runs are fitted, not the medians: other work on a machine only adds time.
-    """
+    """Least squares of log t on log n, by the fastest runs, since other work on a machine only adds time."""
     groups = times.groupby(["method", "axis"], sort=False)
     rows = [(*key, np.polyfit(np.log(group["n"]), np.log(group["min_s"]), 1)[0]) for key, group in groups]
     return pd.DataFrame(rows, columns=["method", "axis", "exponent"])
-
-
-def fractional_slopes(n_planes: int) -> Tensor:
-    """Slopes evenly spaced inside (-1, 1): whole slopes need no interpolation and would cost less."""
-    return geometry.even_slopes(n_planes, 1 / n_planes - 1, 1 - 1 / n_planes)

@@ -51,16 +51,13 @@ CAPTURE, HOLD_OUT, GIVEN = "capture", "hold_out", "given"
 views, with a truth that was given. The held-out views are evidence of the second rank: they know edges no better than
 views do, and misrank methods there."""
 N_WIDE_PLANES = 8
-"""Planes of a scene of the class `wide`, evenly spaced over its own disparities."""
 TRUTH, DENSE = "truth", "dense_integral"
-"""References in the tables, beside `EXACT.name`."""
 APERTURES: dict[str, Aperture | None] = {"square": None, "disc": apertures.disc}
 """Shape of a camera's aperture -> weights of the views; None: all alike."""
 EVEN_GRID = "methods are compared on an even grid"
 """Reason why corrections leave the cameras on the even grid: some methods read no other positions."""
 CORRECTIONS = ("none", "auto", "flat_field")
-"""Corrections of scenes with a sensor: none, so no class `corrected`; from the views alone; with a picture that the
-same sensor takes of a white scene."""
+"""Corrections of scenes with a sensor: none; from the views alone; with its picture of a white scene."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +71,6 @@ class EvaluationCase:
     """Reference stack, [N, C, H, W], in linear light if the views are."""
     reference_name: str
     aperture: Aperture | None = None
-    """Weights of the views by the reference's aperture; None: all equal."""
     encoding: Encoding = LINEAR
     """Encoding of pictures for a screen; views that are not linear have it already."""
     planes: FocalPlanes | None = None
@@ -104,11 +100,7 @@ def ideal_case(scene: Scene, slopes: Tensor, device: torch.device, kind: str = I
 def scene_cases(
     scenes: Iterable[Scene], slopes: Tensor, device: torch.device, correction: str = "none"
 ) -> Iterator[EvaluationCase]:
-    """Scenes with their truth: each scene without its sensor; a scene that has one also with it, and corrected.
-
-    With a sensor, the truth is developed as the views are: its exposure, clipping, colours and tone curve are no errors
-    of refocusing. The correction is one of `CORRECTIONS`.
-    """
+    """Scenes with their truth, developed as views are: without a sensor, with one if they have it, and corrected."""
     for scene in scenes:
         ideal = ideal_case(scene, slopes, device)
         yield ideal
@@ -146,12 +138,8 @@ def split_axis(n_views: int, step: int) -> AxisSplit:
     """Keep every `step`-th view of an axis, as many as possible; sparse and dense views have the same centre."""
     n_sparse = (n_views - 1) // step + 1
     if step < 2 or n_sparse < 2:
-        expected = "every second view or fewer must be kept, and two at least"
-        raise InputError(
-            expected,
-            got=f"every {step} of {n_views}",
-            remedy="set angular_stride=2, and reader.angular_size to read more",
-        )
+        got, remedy = f"every {step} of {n_views}", "set angular_stride=2, and reader.angular_size to read more"
+        raise InputError("every second view or fewer must be kept, and two at least", got=got, remedy=remedy)
     reach = (n_sparse - 1) * step
     # An odd rest of views has no common centre with the sparse ones: the last dense view is left out.
     start, odd = divmod(n_views - 1 - reach, 2)
@@ -162,10 +150,7 @@ def split_axis(n_views: int, step: int) -> AxisSplit:
 
 
 def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> Iterator[EvaluationCase]:
-    """Every `step`-th view of captures along both axes; the reference is the dense integral of all views.
-
-    Slopes [N] are in pixels per step of the sparse views.
-    """
+    """Every `step`-th view of captures along both axes, by which slopes [N] count, beside the integral of all views."""
     integral = OperatorRefocuser(DENSE, dense_integral)
     for field in fields:
         rows, columns = (split_axis(n_views, step) for n_views in field.grid)
@@ -179,8 +164,7 @@ def hold_out_cases(fields: Iterable[LightField], step: int, slopes: Tensor) -> I
 def dense_integral(views: Tensor, slopes: Tensor) -> Tensor:
     """Exact refocusing of views [V, U, C, H, W] at slopes [N]; in planes far from all surfaces, views stand for cells.
 
-    The dense views are points too: far from focus, their sum would leave copies of edges in the reference. There each
-    view stands for its cell, blurred by its distance from the middle disparity (`shift_and_sum_antialiased`).
+    Far from focus, a sum of points would leave copies of edges: views are blurred by the distance from the middle.
     """
     boxes = cell_widths(slopes, disparity_range(views))
     planes = zip(slopes.tolist(), boxes.tolist(), strict=True)
@@ -207,16 +191,9 @@ are next to perfect would outweigh many that are not. Medians and worst cases ar
 def evaluate(
     cases: Iterable[EvaluationCase], methods: Sequence[Refocuser], planes: FocalPlanes, margin: int
 ) -> Iterator[Row]:
-    """Compare every method with the reference of every case; fixed planes take no part in cases of other planes.
+    """Compare every method with the reference of every case: a row per plane, of its interior and whole frame.
 
-    Args:
-        cases: Light fields with their references.
-        methods: Methods of different names.
-        planes: Planes of the references that have none of their own.
-        margin: Width of the border outside the interior, in pixels.
-
-    Yields:
-        Rows `class, scene, method, reference, alpha, slope` and `COLUMNS`, one per plane.
+    Fixed planes take no part in cases of other planes; `planes` are those of cases that have none of their own.
     """
     for case in cases:
         accuracy.check_margin(margin, case.light.size)
@@ -236,25 +213,20 @@ def evaluate(
 
 
 def by_plane(rows: pd.DataFrame) -> pd.DataFrame:
-    """Means over all scenes of a class: `SERIES, alpha, slope, COLUMNS, worst_psnr_db, worst_scene`.
-
-    Scenes of the class `wide` have no planes in common, and are left out.
-    """
+    """Means over all scenes of a class; scenes of the class `wide` have no planes in common, and are left out."""
     return _means_and_worst(rows[rows["class"] != WIDE], [*SERIES, "alpha", "slope"], "worst_scene", "scene")
 
 
 def by_scene(rows: pd.DataFrame) -> pd.DataFrame:
-    """Means over all planes of a scene: `SERIES, scene, COLUMNS, worst_psnr_db, worst_slope`."""
+    """Means over all planes of a scene."""
     return _means_and_worst(rows, [*SERIES, "scene"], "worst_slope", "slope")
 
 
 def by_class(rows: pd.DataFrame) -> pd.DataFrame:
-    """Means over all scenes and planes of a class, beside the median and the worst plane.
+    """Means over all scenes and planes of a class, beside the median and the worst scene and plane.
 
-    Columns `SERIES, COLUMNS, worst_psnr_db, worst_scene, median_psnr_db, worst_plane_db, worst_plane, nonzero_psnr_db,
-    nonzero_ssim`, those of `accuracy.explained`, and `scenes, brightness_error`: `worst_psnr_db` is the mean PSNR of
-    the worst scene; `worst_plane` names scene and slope of the worst single plane; `nonzero_psnr_db` and `nonzero_ssim`
-    are means without slope 0; `brightness_error` is the largest distance of a plane's brightness from 1.
+    `worst_psnr_db` is the mean PSNR of the worst scene; `worst_plane` names scene and slope of the worst single plane;
+    `nonzero_...` are means without slope 0; `brightness_error` is the largest distance of a plane's brightness from 1.
     """
     rows = rows.assign(plane=rows["scene"] + rows["slope"].map(" at slope {:.3g}".format))
     planes, nonzero = (
@@ -272,10 +244,7 @@ def by_class(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _means_and_worst(table: pd.DataFrame, keys: list[str], name: str, source: str) -> pd.DataFrame:
-    """Means and the median over groups of rows, the least PSNR, and, as column `name`, the `source` of that row.
-
-    In means, every PSNR is capped at `MEAN_CAP_DB`.
-    """
+    """Means (PSNR capped) and medians over groups of rows, the least PSNR, and the `source` of its row as `name`."""
     # A PSNR that is not a number is worse than any number.
     table = table.reset_index(drop=True).fillna({"psnr_db": -math.inf})
     groups = table.groupby(keys, sort=False, dropna=False)

@@ -4,6 +4,7 @@ The unit of comparison is the paper's: NumPy's 4-D FFT of the three colour chann
 needs before its first plane.
 """
 
+import json
 import os
 import platform
 import re
@@ -17,12 +18,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from lfref.io import atomic
+
 Key = TypeVar("Key")
 
 FFT = "numpy_fft_4d"
-"""Name of NumPy's 4-D FFT in tables."""
 PACKAGES = ("lfref", "torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba")
-"""Packages whose versions `facts` lists."""
 
 
 def seconds(run: Callable[[], object], device: torch.device) -> float:
@@ -43,10 +44,7 @@ def _synchronize(device: torch.device) -> None:
 def in_turns(
     watches: Mapping[Key, Callable[[], float]], rounds: Iterable[int], warmup: int = 0
 ) -> dict[Key, list[float]]:
-    """Times from several rounds in which all take turns, so that a slow spell of a shared machine falls on all alike.
-
-    Each watch makes one run and returns its seconds; the first rounds, `warmup`, do not count.
-    """
+    """Seconds that watches return, in rounds in which all take turns: a slow spell of the machine falls on all."""
     times: dict[Key, list[float]] = {key: [] for key in watches}
     for _ in rounds:
         for key, watch in watches.items():
@@ -60,8 +58,13 @@ def numpy_fft_time(views: Tensor) -> float:
     return seconds(lambda: [np.fft.fftn(channel) for channel in channels], torch.device("cpu"))
 
 
+def write_facts(folder: Path, device: torch.device, **more: object) -> None:
+    """Write `facts` and more for the readers of a table as `machine.json`."""
+    atomic.write_text(folder / "machine.json", json.dumps(facts(device) | more, indent=2) + "\n")
+
+
 def facts(device: torch.device) -> dict[str, str | int]:
-    """Machine, libraries and thread count, for the readers of a table."""
+    """Machine, libraries and thread count."""
     return {
         "processor": processor(),
         "cores": os.cpu_count() or 1,

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.captures import registration
-from lfref.captures.defect import Defect
+from lfref.captures import Defect, registration
 from lfref.errors import counted
 from lfref.functional import loops
 from lfref.lightfield import LightField
@@ -89,10 +88,13 @@ def find_hot(field: LightField, disparity: Tensor, reference: tuple[int, int]) -
     if not len(samples):
         return CONFIRMED
     positions = registration.positions_of(field).unflatten(0, field.grid).movedim(-1, 0).float()
-    v, u = reference
-    steps, disparity = positions - positions[:, v, u, None, None], disparity.cpu()
+    steps, disparity = positions - positions[:, reference[0], reference[1], None, None], disparity.cpu()
+    # The disparity at a sample's own place leads to the place in the reference view, and to the disparity there.
+    v, u, _, y, x = samples.unbind(1)
+    moves = zip((y, x), disparity[y, x] * steps[:, v, u], disparity.shape, strict=True)
+    row, column = ((place - move).round().long().clamp(0, length - 1) for place, move, length in moves)
     own = _patches(field.views, samples).float()
-    others = _in_neighbours(field.views, samples, _disparity_of(samples, disparity, steps), steps)
+    others = _in_neighbours(field.views, samples, disparity[row, column], steps)
     # The median over the neighbouring views: one of them may have a hot sample at the same place.
     others = others.nanquantile(0.5, 0)
     is_new = is_unconfirmed(own, others, heights)
@@ -145,21 +147,8 @@ def _patches(views: Tensor, samples: Tensor) -> Tensor:
     return views[v, u, c, rows[:, :, None], columns[:, None, :]].cpu()
 
 
-def _disparity_of(samples: Tensor, disparity: Tensor, steps: Tensor) -> Tensor:
-    """Disparity of samples [K, 5] by the map [H, W] of the reference view, [K]."""
-    v, u, _, y, x = samples.unbind(1)
-    # The value at the sample's own place leads to the place in the reference view.
-    q, p = steps[:, v, u]
-    row = (y - disparity[y, x] * q).round().long().clamp(0, disparity.shape[0] - 1)
-    column = (x - disparity[y, x] * p).round().long().clamp(0, disparity.shape[1] - 1)
-    return disparity[row, column]
-
-
 def _in_neighbours(views: Tensor, samples: Tensor, disparity: Tensor, steps: Tensor) -> Tensor:
-    """Surroundings of samples of some disparity [K] in the eight views around each view, [N, K, 7, 7].
-
-    Beyond the grid it is the opposite view.
-    """
+    """Surroundings of samples of some disparity [K] in the views around each view (or opposite), [N, K, 7, 7]."""
     n_rows, n_columns, _, height, width = views.shape
     v, u, c, y, x = samples.unbind(1)
     patches = []
@@ -176,10 +165,7 @@ def _in_neighbours(views: Tensor, samples: Tensor, disparity: Tensor, steps: Ten
 
 
 def is_of_one_colour(colours: Tensor) -> Tensor:
-    """Whether spots in the middle of surroundings in all channels, [C, K, 7, 7], are those of a photosite, [K].
-
-    Either they show in one channel alone, or a mosaic has spread the hot colour farther than the others.
-    """
+    """Whether spots amid all channels, [C, K, 7, 7], show in one alone, or spread farther there by a mosaic, [K]."""
     ring = _ring()
     spots = colours - colours[..., ring].median(-1).values[..., None, None]
     top = spots[..., REACH, REACH]
@@ -214,11 +200,7 @@ def _ring() -> Tensor:
 
 
 def is_unconfirmed(own: Tensor, others: Tensor, heights: Tensor) -> Tensor:
-    """Whether neighbouring views show nothing alike within a pixel, [K].
-
-    `own` are the surroundings of candidates in their own view, `others` the median of those in the neighbouring views,
-    [K, 7, 7] each.
-    """
+    """Whether the median of neighbours, `others`, shows nothing like `own` within a pixel, [K, 7, 7] twice -> [K]."""
     middle = slice(REACH - 1, REACH + 2)
     ring = _ring()
     sample, near = own[:, REACH, REACH].float(), others[:, middle, middle].flatten(1)
@@ -322,10 +304,7 @@ def find_black(field: LightField) -> BlackViewsDefect | str:
 
 
 def _corner_region(black: Tensor) -> Tensor:
-    """The black corner at the first pixel, bool, [V, U, h, w].
-
-    Each of its rows begins at the first column and is at most as long as the row above it.
-    """
+    """The black corner at the first pixel, whose rows are at most as long as the row above them, bool, [V, U, h, w]."""
     # Number of black samples before the first one with light.
     runs = torch.where(black.all(-1), black.shape[-1], (~black).int().argmax(-1)).cummin(2).values
     depth = (runs > 0).sum(2)

@@ -16,8 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref.captures import registration
-from lfref.captures.defect import Defect
+from lfref.captures import Defect, registration
 from lfref.lightfield import LightField
 
 REDUCTION = 4  # pixels: brightness changes slowly, and disparities of a pixel become fractions of one
@@ -87,10 +86,7 @@ def _window_means(maps: Tensor, side: int) -> Tensor:
 
 
 def block_means(images: Tensor, factor: int, limits: Tensor) -> Tensor:
-    """Means of square blocks of images [B, C, H, W]; rows and columns that fill no block are dropped.
-
-    A mean is NaN if a sample of the block is NaN, or not below the limit of its channel; `limits` are [C].
-    """
+    """Means of square blocks of images [B, C, H, W]; NaN where a sample is, or reaches its channel's limit [C]."""
     is_clipped = F.max_pool2d(images, factor) >= limits.to(images)[:, None, None]
     height, width = is_clipped.shape[-2:]
     blocks = images[..., : height * factor, : width * factor].unflatten(-1, (width, factor))

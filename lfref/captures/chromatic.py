@@ -13,8 +13,7 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.captures import displacements, registration
-from lfref.captures.defect import Defect
+from lfref.captures import Defect, displacements, registration
 from lfref.captures.displacements import TINY, Fitted, Observed
 from lfref.captures.registration import Registration, positions_of
 from lfref.lightfield import LightField
@@ -80,10 +79,7 @@ def is_certain(lateral: Fitted, axial: Fitted, reach: float) -> list[bool]:
 
 
 def disperse(registered: Registration, observed: Observed) -> tuple[Tensor, Tensor]:
-    """Compare all channels with the middle one; each channel is observed where it is expected.
-
-    Returns magnification minus 1 and added disparity in pixels per view step, [C, 2], and whether each is certain.
-    """
+    """Magnification minus 1 and disparity of all channels against the middle one, [C, 2], and whether they are sure."""
     n_channels = observed.templates.shape[1]
     middle = n_channels // 2  # green of three
     values = torch.zeros(n_channels, 2, dtype=torch.float64)

@@ -13,11 +13,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref.captures import bad_pixels, brightness, chromatic, registration, view_order, vignetting
+from lfref.captures import Defect, bad_pixels, brightness, chromatic, registration, view_order, vignetting
 from lfref.captures.bad_pixels import BlackViewsDefect, HotPixelsDefect
 from lfref.captures.brightness import ExposureDefect
 from lfref.captures.chromatic import ChromaticDefect
-from lfref.captures.defect import Defect
 from lfref.captures.registration import AlignmentDefect, Registration, SpacingDefect
 from lfref.captures.view_order import ViewOrderDefect
 from lfref.captures.vignetting import VignettingDefect
@@ -72,12 +71,10 @@ class CentralView(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Corrections:
-    """What estimates found in a light field."""
+    """What estimates found in a light field of a grid and size."""
 
     grid: tuple[int, int]
-    """View rows and columns of the light field."""
     size: tuple[int, int]
-    """Height and width of its views in pixels."""
     defects: tuple[Defect, ...]
     """Defects that show, in the order of correction."""
     unchanged: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -193,7 +190,11 @@ def _estimate_and_correct(
 ) -> tuple[LightField, Corrections]:
     """Estimate all defects in turn, and correct those that show."""
     grid, size, skipped = field.grid, field.size, _skipped_of_encoded(field)
-    if reason := _reason_to_estimate_nothing(field):
+    reason = f"views are smaller than {SMALLEST} pixels" if min(size) < SMALLEST else ""
+    reason = "a single view cannot be compared" if grid == (1, 1) else reason
+    if not bool(field.views.isfinite().all()):
+        reason = "views hold NaN or infinity"
+    if reason:
         return field, Corrections(grid, size, (), skipped={kind.name: reason for kind in KINDS})
     defects: list[Defect] = []
     unchanged: dict[str, str] = {}
@@ -265,15 +266,6 @@ def central_view(field: LightField) -> CentralView:
     )
     disparity, confidence = (small[rows][:, columns] for small in (coarse.disparity, coarse.confidence))
     return CentralView(reduced.indices[0], disparity, confidence, coarse, reduced)
-
-
-def _reason_to_estimate_nothing(field: LightField) -> str:
-    """Why this light field allows no estimate at all; empty if it allows some."""
-    if not bool(field.views.isfinite().all()):
-        return "views hold NaN or infinity"
-    if field.grid == (1, 1):
-        return "a single view cannot be compared"
-    return f"views are smaller than {SMALLEST} pixels" if min(field.size) < SMALLEST else ""
 
 
 def _skipped_of_encoded(field: LightField) -> dict[str, str]:

@@ -71,10 +71,7 @@ def choose_patches(grey: Tensor, disparity: Tensor, positions: Tensor, n_channel
 def read_patches(
     views: Tensor, patches: Patches, displacements: Tensor, channels: Sequence[int] | None = None
 ) -> Tensor:
-    """Patches with a ring of `RING` pixels, interpolated in views [I, C, H, W]: float32, [K, I, C, 20, 20].
-
-    Each view is read lower and farther right by its displacements, in pixels, float64, [K, I, 2].
-    """
+    """Patches with their ring, each view read lower and farther right by displacements [K, I, 2]: [K, I, C, 20, 20]."""
     views, starts = views.float(), torch.stack([patches.rows, patches.columns], -1)[:, None] - RING + displacements
     side = SIDE + 2 * RING
     last = torch.tensor(views.shape[-2:]) - side - len(interpolation.TAPS) + BEFORE
@@ -109,10 +106,7 @@ class Observed(NamedTuple):
 
 
 def observe(samples: Tensor, shown: Tensor) -> Observed:
-    """Displacements of patches [K, I, C, h, w] against the mean of all views, with free brightness and contrast.
-
-    `shown` is 1 where a view shows a patch, else 0, [K, I].
-    """
+    """Displacements of patches [K, I, C, h, w] that views show (1, else 0, [K, I]) against the mean of all views."""
     share = (shown / shown.sum(1, keepdim=True).clamp(min=1)).to(samples)
     templates = torch.einsum("ki,kichw->kchw", share, samples)
     basis = texture(templates)

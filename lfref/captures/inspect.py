@@ -1,7 +1,4 @@
-"""Inspecting a light field: range of slopes, planes that span it, defects, and options that would help.
-
-Nothing is changed. It takes half a second for fifty views of a fifth of a megapixel.
-"""
+"""Inspecting a light field: range of slopes, planes that span it, defects, and options that would help."""
 
 import logging
 from dataclasses import dataclass
@@ -38,7 +35,6 @@ class AutoPlanes:
     """
 
     n: int = 16
-    """Number of planes, at least 1."""
 
     def of(self, field: LightField) -> FocalPlanes:
         """The planes of a light field; `UNKNOWN` with a warning in the log where its range is unknown."""
@@ -69,11 +65,9 @@ class Inspection:
     """
 
     field: LightField
-    """The inspected light field."""
     reference: tuple[int, int]
     """Row and column of the central view, to which the maps belong."""
     disparity: Tensor
-    """Disparity of the central view, in pixels per view step, [H, W]."""
     confidence: Tensor
     """Confidence of the disparity, [0, 1], [H, W]."""
     slopes: tuple[float, float] | None
@@ -137,10 +131,7 @@ def inspect(field: LightField, flat_field: LightField | None = None) -> Inspecti
 
     Args:
         field: The light field.
-        flat_field: The same camera's picture of an evenly lit white surface, of the same grid and size.
-
-    Raises:
-        InputError: The flat field has another grid or size, or is encoded although the light field is linear.
+        flat_field: The same camera's picture of an evenly lit white surface, as for `correct`.
 
     Example:
         >>> inspection = lfref.inspect(lfref.LightField(torch.rand(5, 5, 3, 64, 80)))

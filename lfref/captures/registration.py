@@ -18,8 +18,7 @@ import torch
 from torch import Tensor
 
 from lfref import geometry
-from lfref.captures import displacements
-from lfref.captures.defect import Defect
+from lfref.captures import Defect, displacements
 from lfref.captures.displacements import OUTLYING, SIDE, TINY, Fitted, Observed, Patches
 from lfref.functional import interpolation
 from lfref.lightfield import LightField
@@ -75,10 +74,7 @@ class Registration(NamedTuple):
 
 
 def register(field: LightField, disparity: Tensor, reference: tuple[int, int]) -> Registration | None:
-    """Read patches in all views, and explain their displacements; None: too few views or patches.
-
-    The disparity is that of the reference view, in pixels per view step, [H, W].
-    """
+    """Read patches in all views, and explain their displacements; None: too few. The disparity is of `reference`."""
     views = field.views.detach().cpu().flatten(0, 1)
     if len(views) < 3 or min(field.size) < 4 * SIDE:
         return None
@@ -120,10 +116,7 @@ def _shown(field: LightField, patches: Patches, positions: Tensor) -> Tensor:
 
 
 def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor, unknown: Tensor) -> Explanation:
-    """Find shifts and disparities by least squares, which give outliers less weight.
-
-    Arguments are those of a `Registration`; `unknown` are patterns of shifts that are left at 0, orthonormal, [2I, M].
-    """
+    """Find shifts and disparities by least squares that give outliers less weight; `unknown` shifts [2I, M] stay 0."""
     n_views, trust = len(positions), shown
     unknown = _among(unknown, shown.any(0))
     for _ in range(4):  # number of weightings of outliers, by trial
@@ -161,10 +154,7 @@ PROPORTIONAL = slice(4)  # those of `linear_shifts` that are equal for all views
 
 
 def linear_shifts(positions: Tensor) -> Tensor:
-    """Six patterns of shifts, of length 1: two equal for all views, four linear in the positions, [2I, 6].
-
-    Of the latter, the first two are in proportion to the positions.
-    """
+    """Six patterns of shifts, of length 1: two equal for all views, four linear in the positions, [2I, 6]."""
     eye = torch.eye(2, dtype=positions.dtype)
     around = (positions - positions.mean(0))[:, :, None]
     modes = torch.cat([eye.expand(len(positions), 2, 2), around * eye, around.flip(1) * eye], -1).flatten(0, 1)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lfref.captures.defect import Defect
+from lfref.captures import Defect
 from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import FLOOR, ReducedViews, SlopeFit

@@ -22,9 +22,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import geometry
-from lfref.captures import registration
+from lfref.captures import Defect, registration
 from lfref.captures.brightness import LEAST_RATIO, LEAST_WINDOWS, Ratios
-from lfref.captures.defect import Defect
 from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.lightfield import LightField
@@ -96,7 +95,7 @@ def find_by_flat_field(flat_field: LightField) -> VignettingDefect | str:
 
 
 def find(ratios: Ratios) -> VignettingDefect | str:
-    """Estimate the gain of all samples from the brightness of the views."""
+    """Estimate the rim, if it explains the views clearly better than none; falloff is 0 where it is uncertain."""
     # Standard deviation of ratios from window to window, by neighbours.
     log, known = (maps.unflatten(-1, ratios.shape) for maps in (ratios.log.mean(2), ratios.known))
     steps = (log[..., 1:] - log[..., :-1])[known[..., 1:] & known[..., :-1]]
@@ -104,31 +103,23 @@ def find(ratios: Ratios) -> VignettingDefect | str:
         return "unknown: too little is visible in all views"
     scatter = 1.4826 * float(steps.abs().median()) / math.sqrt(2)
     fit = fit_rim(ratios, scatter)
-    return "unknown: no rim fits the views" if gives_up_light(fit.rim, ratios) else certain_vignetting(fit)
-
-
-def gives_up_light(rim: "Rim", ratios: Ratios) -> bool:
-    """Whether a rim leaves next to no light where a view shows more than a tenth of it: such a rim is wrong."""
-    # A window is as wide as the rim's edge: it is dark if it lies a view step beyond the rim.
-    wider = rim._replace(radius=rim.radius + 1)
-    gain = rim_gain(wider, *ratios.places, *ratios.views)
+    rim = fit.rim
+    # A rim is wrong if it leaves next to no light where a view shows more than a tenth of it. A window is as wide as
+    # the rim's edge: it is dark if it lies a view step beyond the rim.
+    gain = rim_gain(rim._replace(radius=rim.radius + 1), *ratios.places, *ratios.views)
     central = rim_gain(rim, *ratios.places[(slice(None), *ratios.centre)], *ratios.views[(slice(None), *ratios.centre)])
     is_dark = ratios.known & (gain < UNTRUSTED)
     light = central * torch.where(is_dark, ratios.log.mean(2).exp(), 0.0)
-    light = light.sum(2) / is_dark.sum(2).clamp(min=1)
-    return bool((light > TRUSTED).any())
-
-
-def certain_vignetting(fit: "RimFit") -> VignettingDefect | str:
-    """The rim of a fit, if it explains the views clearly better than no rim; its falloff is 0 where it is uncertain."""
-    if fit.gain < LEAST_GAIN or not fit.rim.displacement:
+    if bool((light.sum(2) / is_dark.sum(2).clamp(min=1) > TRUSTED).any()):
+        return "unknown: no rim fits the views"
+    if fit.gain < LEAST_GAIN or not rim.displacement:
         return "no view is darker in its corners than others"
-    is_sure = fit.rim.falloff > SURE * fit.falloff_error and fit.least_falloff > AGREED * fit.rim.falloff
-    falloff = fit.rim.falloff if is_sure else 0.0
+    is_sure = rim.falloff > SURE * fit.falloff_error and fit.least_falloff > AGREED * rim.falloff
+    falloff = rim.falloff if is_sure else 0.0
     if falloff < SURE * fit.disagreement:
         # Too bright corners look worse than dark ones: what the quarters do not share is left.
         falloff = max(0.0, falloff - fit.disagreement)
-    return VignettingDefect(falloff, fit.rim.displacement, fit.rim.radius)
+    return VignettingDefect(falloff, rim.displacement, rim.radius)
 
 
 class Rim(NamedTuple):
@@ -294,11 +285,7 @@ class _RimProblem:
 
 
 def flat_field_gain(white: Tensor) -> tuple[Tensor, float]:
-    """The gain of every sample from a flat field, smoothed as far as noise requires, and its standard deviation.
-
-    Gains are relative to the middle of the central view, channel by channel, so that a corrected capture keeps its
-    brightness and colour there.
-    """
+    """The gain of every sample relative to the middle of the central view, smoothed if noisy, and its error."""
     centre = white[white.shape[0] // 2, white.shape[1] // 2]
     rough = _middle_level(centre, 1 / 32)
     if not bool((rough > 1e-3).all()) or not bool(white.isfinite().all()):

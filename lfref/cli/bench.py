@@ -1,11 +1,7 @@
-"""`lfref bench`: measurements; `suite=NAME` selects one function of `SUITES`.
-
-What the suites share comes first: rounds, light fields, scenes, facts of the machine. One section per suite follows.
-"""
+"""`lfref bench`: measurements; `suite=NAME` selects one function of `SUITES`."""
 
 import dataclasses
 import itertools
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -17,7 +13,6 @@ from lfref.bench import accuracy, causes, costs, evaluation, timing
 from lfref.bench.causes import CauseSettings
 from lfref.bench.costs import Scales, Size
 from lfref.bench.evaluation import CORRECTIONS, EvaluationCase
-from lfref.bench.stability import components as stability_components
 from lfref.bench.stability import trials
 from lfref.bench.stability.trials import Component
 from lfref.captures.correct import correct
@@ -29,10 +24,9 @@ from lfref.data.datamodules import SimulatedSource
 from lfref.errors import InputError, chosen, counted
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
-from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser, name_apart
-from lfref.report import answers, crops, drawing, page, plots, sections, stability_table, tables
+from lfref.report import answers, drawing, page, plots, sections, tables
 from lfref.report.answers import Answer
 from lfref.simulator import sim30
 from lfref.simulator.scene import Scene
@@ -68,15 +62,16 @@ def write_facts(
     counted: int,
     **more: object,
 ) -> None:
-    """Write `machine.json`: machine, libraries, threads, light fields, number of planes and of counted runs."""
-    facts = timing.facts(device) | {
-        "light_fields": ", ".join(field.name for field in fields),
-        "views": ", ".join(sorted({"x".join(map(str, field.views.shape)) for field in fields})),
-        "planes": len(planes),
-        "repeats": counted,
+    """Write `machine.json`: the machine, light fields, number of planes and of counted runs."""
+    timing.write_facts(
+        folder,
+        device,
+        light_fields=", ".join(field.name for field in fields),
+        views=", ".join(sorted({"x".join(map(str, field.views.shape)) for field in fields})),
+        planes=len(planes),
+        repeats=counted,
         **more,
-    }
-    atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
+    )
 
 
 # Group `causes`: the cost of each cause of error, and the gain of each remedy.
@@ -103,7 +98,6 @@ def error_causes(config: DictConfig, folder: Path) -> None:
 # Group `front`: accuracy against time of every method and checkpoint, evaluated against the truth.
 
 HELD_OUT = 2_000_003
-"""Seed of the scenes drawn at random."""
 
 
 def front(config: DictConfig, folder: Path) -> None:
@@ -211,7 +205,7 @@ def _write_crops(
     other = None if answer.other is None else stack(answer.other)[plane]
     rows, columns = case.light.grid
     view = case.displayed(case.light.views[rows // 2, columns // 2][None]).encoded[0]
-    crops.write(folder, view, ours[plane], other, reference[plane], margin)
+    answers.write_crops(folder, view, ours[plane], other, reference[plane], margin)
 
 
 # Group `operators`: time and memory of every operator on one light field, and how time scales.
@@ -240,13 +234,11 @@ def time_operators(config: DictConfig, folder: Path) -> None:
 # Group `stability`: all hard cases on every component in every precision, beside textbook forms.
 
 PARTS: dict[str, Callable[[], list[Component]]] = {
-    "losses": stability_components.image_components,
-    "operators": stability_components.operator_components,
-    "networks": stability_components.network_components,
+    "losses": trials.image_components,
+    "operators": trials.operator_components,
+    "networks": trials.network_components,
 }
-"""Components of each part."""
 SHOWN = ("1 - SSIM", "1 / PSNR", "loss", "PSNR")
-"""Components in `stability.png`."""
 
 
 def stability(config: DictConfig, folder: Path) -> None:
@@ -258,11 +250,10 @@ def stability(config: DictConfig, folder: Path) -> None:
     torch.set_num_threads(n_threads)
     tables.write_table(folder / "stability.csv", rows)
     n_held = sum(row["outcome"] == "holds" for row in rows if row["formulation"] == trials.OURS)
-    facts = timing.facts(torch.device("cpu"))
-    atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
+    timing.write_facts(folder, torch.device("cpu"))
     shown = [row for row in rows if row["component"] in SHOWN] or rows
-    drawing.save_figure(stability_table.heat_map(pd.DataFrame(shown)), folder / "stability.png")
-    page.write_page(folder / "index.html", "Hard cases", sections.sections([folder]), facts)
+    drawing.save_figure(plots.heat_map(pd.DataFrame(shown)), folder / "stability.png")
+    page.write_page(folder / "index.html", "Hard cases", sections.sections([folder]), timing.facts(torch.device("cpu")))
     log.info("%s, %d of ours hold: %s", counted(len(rows), "trial"), n_held, folder / "stability.csv")
 
 

@@ -51,12 +51,7 @@ def command(task: Task) -> Callable[[DictConfig], float | None]:
 
 
 def claim(config: DictConfig, folder: Path, overrides: Sequence[str]) -> None:
-    """Refuse a folder that has files, unless the run goes on there; a job of a sweep that ran before goes on.
-
-    Raises:
-        FileError: The folder has files.
-        InputError: A sweep had other jobs.
-    """
+    """Refuse a folder that has files, unless the run goes on there; a job of a sweep that ran before goes on."""
     before = Run(folder)
     if is_sweep_job() and before.has_begun:
         if _decisive(before.overrides) != _decisive(overrides):

@@ -21,15 +21,7 @@ def directory(name: str = "conf") -> Path:
 
 
 def build(config: Any, **arguments: Any) -> Any:
-    """The object, mapping or list of objects that a configuration describes, by `hydra.utils.instantiate`.
-
-    Args:
-        config: The configuration; whatever its `_target_` names is imported and called.
-        arguments: Passed on to it, as they are.
-
-    Raises:
-        InputError: The configuration does not fit what it describes.
-    """
+    """The objects that a configuration describes, whose `_target_` is imported and called with these arguments."""
     node: Any = plain(config)
     if not isinstance(node, dict | list):
         return node

@@ -30,7 +30,10 @@ def dashboard(config: DictConfig, folder: Path) -> None:
     planes, sweep = fixed_planes(config), config.sweep_name
     place = {"entity": config.entity or "", "project": config.project}
     view = workspace(planes, sweep, config.name, **place)
-    page = report(planes, sweep, configs.plain(config.options) or _swept(), title=config.name, **place)
+    # By default, the options of the sweeps that ship, and the learning rate.
+    sweeps = map(OmegaConf.load, sorted(configs.directory("sweeps").glob("*.yaml")))
+    swept = dict.fromkeys([*(option for each in sweeps for option in each.parameters), "optimizer.lr"])
+    page = report(planes, sweep, configs.plain(config.options) or list(swept), title=config.name, **place)
     models = {"workspace": view._to_model(), "report": page._to_model()}
     contents = {
         name: json.loads(model.model_dump_json(by_alias=True, exclude_none=True)) for name, model in models.items()
@@ -102,12 +105,6 @@ def report(planes: FocalPlanes, sweep: str | None, options: Sequence[str], **pla
     return wr.Report(**place, blocks=blocks, width="fluid")
 
 
-def _swept() -> list[str]:
-    """The options of the sweeps that ship, and the learning rate."""
-    sweeps = map(OmegaConf.load, sorted(configs.directory("sweeps").glob("*.yaml")))
-    return list(dict.fromkeys([*(name for sweep in sweeps for name in sweep.parameters), "optimizer.lr"]))
-
-
 def _filters(job: str, sweep: str | None) -> list[Any]:
     return [ws.Metric("JobType") == job, *([] if sweep is None else [ws.Metric("Group") == sweep])]
 
@@ -127,11 +124,11 @@ def _pictures(names: list[str], title: str) -> wr.MediaBrowser:
     return wr.MediaBrowser(title=title, media_keys=names, num_columns=2)
 
 
-def _grid(runs: wr.Runset, panels: list[Any], per_row: int = 2) -> wr.PanelGrid:
-    """Panels in rows."""
+def _grid(runs: wr.Runset, panels: list[Any]) -> wr.PanelGrid:
+    """Panels in rows of two."""
     for index, panel in enumerate(panels):
-        row, column = divmod(index, per_row)
-        panel.layout = wr.Layout(x=column * COLUMNS // per_row, y=row * 10, w=COLUMNS // per_row, h=10)
+        row, column = divmod(index, 2)
+        panel.layout = wr.Layout(x=column * COLUMNS // 2, y=row * 10, w=COLUMNS // 2, h=10)
     return wr.PanelGrid(runsets=[runs], panels=panels)
 
 

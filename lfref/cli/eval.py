@@ -1,6 +1,5 @@
 """`lfref eval`: evaluate checkpoints and operators plane by plane, and draw the paper's two figures."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,10 +17,9 @@ from lfref.data.labels import OperatorLabels
 from lfref.errors import LfrefError, counted
 from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
-from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocuser.refocuser import Refocuser
-from lfref.report import answers, crops, drawing, pictures, plots, tables
+from lfref.report import answers, drawing, pictures, plots, tables
 from lfref.report.answers import Answer
 from lfref.report.refocused import mean_of_views
 
@@ -30,10 +28,7 @@ PLANES = "planes.csv"
 
 
 def evaluate(config: DictConfig, folder: Path) -> None:
-    """Write `planes.csv`, `summary.csv`, `machine.json`, two plots, and one comparison per light field.
-
-    Loggers get the tables and the pictures too.
-    """
+    """Write `planes.csv`, `summary.csv`, `machine.json`, two plots, a comparison per light field, and to loggers."""
     device = device_of(config.device)
     planes = fixed_planes(config)
     references: dict[str, OperatorLabels] = steps.parts_of(config.references)
@@ -79,7 +74,7 @@ def evaluate(config: DictConfig, folder: Path) -> None:
     summary = accuracy.summaries(table)
     summary["is_network"] = summary["method"].isin([method.name for method in methods if method.is_network])
     tables.write_table(folder / "summary.csv", summary)
-    atomic.write_text(folder / "machine.json", json.dumps(timing.facts(device), indent=2) + "\n")
+    timing.write_facts(folder, device)
     if not tables.judged_by_others(summary).empty:
         if summary["light_field"].nunique() > 1:  # of one light field the table says all
             drawing.save_figure(plots.scatter(summary), folder / "scatter.png")
@@ -123,7 +118,7 @@ def _write_crops(
     rows, columns = field.grid
     other = None if answer.other is None else shown(stacks[answer.other][plane])
     view = shown(field.views[rows // 2, columns // 2])
-    crops.write(folder, view, shown(stacks[answer.ours][plane]), other, shown(label[plane]))
+    answers.write_crops(folder, view, shown(stacks[answer.ours][plane]), other, shown(label[plane]))
 
 
 run = command(evaluate)

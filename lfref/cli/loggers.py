@@ -23,9 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SUMMARY, PLANES = "eval/summary", "eval/planes"
-"""Names of the tables of an evaluation."""
 SCATTER, QUALITY_BY_PLANE, COMPARISON = "eval/scatter", "eval/quality_by_plane", "eval/comparison"
-"""Names of its pictures."""
 ID = "wandb_id.txt"
 """File in the run folder with the id of its run in wandb, in which a resumed training goes on."""
 

@@ -52,7 +52,6 @@ SHORTHANDS = {
 PATHS = "input", "output", "resume", "checkpoint", "truth", "flat_field", "correct"
 """Keys of paths, in which Hydra would interpret some characters."""
 TAKE_A_WORD = "--cfg", "-c", "--config-dir", "-cd", "--config-path", "-cp", "--config-name", "-cn", "--package", "-p"
-"""Options of Hydra before a value."""
 
 
 def main() -> None:
@@ -113,11 +112,7 @@ def imported(name: str) -> ModuleType:
 
 
 def rewritten(command: str, words: list[str]) -> list[str]:
-    """Words for Hydra: paths as `input=`, short words as what they stand for.
-
-    Raises:
-        InputError: The command takes no paths, the sweep is unknown, or both a method and a network are named.
-    """
+    """Words for Hydra: paths as `input=`, short words as what they stand for."""
     is_multirun = bool({"-m", "--multirun"} & set(words))
     end = words.index("--") if "--" in words else len(words)
     paths, options, others = [], [], []  # Hydra takes options before all overrides
@@ -151,25 +146,20 @@ def resumed(words: list[str]) -> list[str]:
 
     `resume=auto` goes on with the run in `output`, if there is one.
     """
-    given = {key_of(word): _value(word) for word in words if key_of(word) in ("resume", "output")}
-    if (path := given.get("resume")) in (None, "null"):
+    parser, own = OverridesParser.create(), [word for word in words if key_of(word) in ("resume", "output")]
+    given = {key_of(word): parser.parse_override(word).value() for word in own}
+    if (path := given.get("resume")) is None:
         return words
     words = [word for word in words if key_of(word) != "resume"]
     if path == "auto":
         if (path := given.get("output")) is None:
             raise InputError("resume=auto goes on in output", got="none", remedy="add output=RUN")
-        if not Run(Path(path)).has_begun:
+        if not Run(Path(str(path))).has_begun:
             return words
-    run = Run.of(path)
+    run = Run.of(str(path))
     output = [f"output={_quoted(str(run.folder))}", *words]
     new = {key_of(word) for word in output} | {"folder", "resume", "overwrite"}
     return [*(word for word in run.overrides if key_of(word) not in new), *output, f"resume={_quoted(str(path))}"]
-
-
-def _value(word: str) -> str:
-    """The value of an override of a path, as Hydra reads it."""
-    value = OverridesParser.create().parse_override(word).value()
-    return "null" if value is None else str(value)
 
 
 def _readable(path: str, is_multirun: bool) -> str:

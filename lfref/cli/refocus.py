@@ -10,7 +10,7 @@ from lfref import extras
 from lfref.captures.correct import Corrections
 from lfref.cli import config as configs
 from lfref.cli import steps
-from lfref.cli.command import command, device_of, log, paths
+from lfref.cli.command import command, device_of, log
 from lfref.cli.steps import Planes, planes_of
 from lfref.errors import InputError, counted
 from lfref.geometry import FocalPlanes
@@ -18,20 +18,19 @@ from lfref.io import atomic
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
 from lfref.refocuser.refocuser import Refocuser
-from lfref.report import results
-from lfref.report.refocused import PictureFiles, Refocused
+from lfref.report.refocused import OPTIONAL, SHEET, PictureFiles, Refocused, write_results
 
 
 def refocus(config: DictConfig, folder: Path) -> None:
     """Read, correct, refocus and write each light field; with more than one input each gets its own result folder."""
     device, files = device_of(config.device), PictureFiles(str(config.format), config.bits, config.quality)
     refocuser, configured_planes = _refocuser(config, device)
-    optional = [name for name in results.OPTIONAL if config[name]]
+    optional = [name for name in OPTIONAL if config[name]]
     if config.video:
         extras.check("av", "video=true")
     flat_field = steps.flat_field_of(config, [refocuser])
-    fields, named = steps.find_fields(config), paths(configs.plain(config.input))
-    places = {name: steps.result_folder(folder, name, path, named) for name, path in fields.items()}
+    fields = steps.find_fields(config)
+    places = steps.result_folders(config, folder, fields)
     if config.resume is not None:
         fields = steps.remaining(fields, places, folder)
 
@@ -52,14 +51,14 @@ def refocus(config: DictConfig, folder: Path) -> None:
     def write(name: str, result: tuple[Refocused, Corrections | None]) -> None:
         refocused, corrections = result
         with atomic.filling_folder(places[name]) as place:  # the run folder is there, others get their names at the end
-            results.write_results(place, refocused, optional)
+            write_results(place, refocused, optional)
             if corrections is not None:
                 atomic.write_text(place / "corrections.txt", corrections.summary() + "\n")
                 if corrections.active:
                     corrections.save(place / "correction.pt")
         n_planes = len(refocused.planes)
         text = "%s refocused by %s to %s: open %s"
-        log.info(text, name, refocuser.name, counted(n_planes, "plane"), places[name] / results.SHEET)
+        log.info(text, name, refocuser.name, counted(n_planes, "plane"), places[name] / SHEET)
 
     steps.process(fields, [read, correct, compute, write], "refocusing")
 

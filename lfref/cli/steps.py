@@ -1,8 +1,6 @@
 """Steps that commands share, from light fields to results: find, read, correct, refocus, and place results.
 
-`process` runs the steps of a command on each light field. A capture that fails does not stop the others. Reading,
-computing and writing run at the same time in one thread each, so that memory holds few light fields, however many there
-are.
+`process` runs the steps of a command on each light field, at the same time in three threads, so that memory holds few.
 """
 
 import math
@@ -33,8 +31,7 @@ from lfref.refocuser.refocuser import Refocuser, name_apart
 from lfref.report.refocused import brightening
 
 COPIES = 2.2
-"""Copies of the views that a light field needs beside those that were read, while it is corrected; refocusing needs
-fewer."""
+"""Copies of the views that correcting a light field needs beside those that were read; refocusing needs fewer."""
 LENSLET_SIDE = 3000
 """Shorter side, in pixels, from which a picture in a folder may be a lenslet image (the smallest ESLF has 5250)."""
 
@@ -48,11 +45,7 @@ Planes = FocalPlanes | AutoPlanes
 
 
 def find_fields(config: DictConfig) -> dict[str, Path]:
-    """Name -> path of the light fields of `config.input`, of files and folders, in their order.
-
-    A name is that of the file or folder; where two are equal, the parent's name stands before each. With
-    `reader.pattern` each folder is one light field.
-    """
+    """Name -> path of the light fields of `config.input`; with `reader.pattern` each folder is one light field."""
     entries = paths(configs.plain(config.input))
     if config.reader.get("pattern") is None:
         entries = [field for entry in entries for field in _fields_in(entry)]
@@ -84,10 +77,7 @@ def _is_small_picture(path: Path) -> bool:
 
 
 def read_truth(place: str, name: str, n_fields: int) -> tuple[Tensor, FocalPlanes]:
-    """The truth of a light field and its planes: the stack in a file, or in NAME_truth.exr of a folder.
-
-    `lfref simulate` writes such folders. A file is the truth of a single light field.
-    """
+    """The truth of a light field and its planes: a stack in a file, or NAME_truth.exr in a folder."""
     path = Path(place)
     if not path.is_dir() and n_fields > 1:
         remedy = "give the folder that lfref simulate wrote"
@@ -127,15 +117,9 @@ def check_memory(field: LightField, planes: Planes, refocusers: Sequence[Refocus
 
 
 def process(fields: Mapping[str, Path], steps: Sequence[Step], what: str) -> None:
-    """Run steps on each light field, under a progress bar; those that fail are named at the end.
+    """Run two or more steps on each light field, under a bar labelled `what`; those that fail are named at the end.
 
-    The first step, those between, and the last one run in three threads, as on an assembly line: while one light field
-    is written, the next one is computed, and the one after that is read.
-
-    Args:
-        fields: Name -> path of each light field. If there is only one, its error is raised as it is.
-        steps: At least two, in their order.
-        what: Label of the progress bar, such as `refocusing`.
+    While one light field is written, the next one is computed, and the one after that is read.
     """
     if len(fields) == 1:
         ((name, result),) = fields.items()
@@ -196,9 +180,8 @@ def compared_methods(config: DictConfig, device: torch.device) -> list[Refocuser
     """The checkpoints, then the methods, on a device; equal names are numbered."""
     methods = [*checkpoints(config, device), *(method.to(device) for method in parts_of(config.methods).values())]
     if not methods:
-        raise InputError(
-            "there must be a method", got="none", remedy="give checkpoint=PATH or +method@methods.NAME=NAME"
-        )
+        remedy = "give checkpoint=PATH or +method@methods.NAME=NAME"
+        raise InputError("there must be a method", got="none", remedy=remedy)
     name_apart(methods)
     return methods
 
@@ -267,14 +250,15 @@ def gain(field: LightField, config: DictConfig) -> float:
     return own
 
 
-def result_folder(folder: Path, name: str, path: Path, inputs: Sequence[Path]) -> Path:
-    """The result folder of one light field: the run folder for a single input, else RUN/NAME."""
-    return folder if {path.resolve()} == {other.resolve() for other in inputs} else folder / name
+def result_folders(config: DictConfig, folder: Path, fields: Mapping[str, Path]) -> dict[str, Path]:
+    """The result folder of each light field: the run folder for a single input, else RUN/NAME."""
+    inputs = {path.resolve() for path in paths(configs.plain(config.input))}
+    return {name: folder if {path.resolve()} == inputs else folder / name for name, path in fields.items()}
 
 
 def remaining(fields: Mapping[str, Path], results: Mapping[str, Path], folder: Path) -> dict[str, Path]:
     """The light fields without results; partial results of a killed run are deleted."""
-    for partial in (entry for place in {folder, *results.values()} for entry in atomic.partial_files(place)):
+    for partial in (entry for place in {folder, *results.values()} for entry in place.glob(".*.partial-*")):
         shutil.rmtree(partial) if partial.is_dir() else partial.unlink()
     waiting = {name: path for name, path in fields.items() if results[name] == folder or not results[name].exists()}
     log.info("done: %d of %s", len(fields) - len(waiting), counted(len(fields), "light field"))

@@ -1,6 +1,5 @@
 """`lfref train`: fit a network to labels made by an operator."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -16,22 +15,16 @@ from lfref.cli.command import command, is_first_process, is_sweep_job, log, quie
 from lfref.cli.main import start
 from lfref.cli.steps import fixed_planes
 from lfref.errors import counted
-from lfref.io import atomic
 from lfref.io.run import CHECKPOINTS, METRICS, TRAINING, Run
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.refiner import Refiner
 from lfref.refocuser.networks import SHIPPED
-from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement, TrainingRecord
+from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement, StopOnSigterm, TrainingRecord
 from lfref.train.modules import Fitting, Refining, Refocusing
-from lfref.train.signals import StopOnSigterm
 
 
 def train(config: DictConfig, folder: Path) -> float | None:
-    """Train; checkpoints, logs and pictures go to the run folder.
-
-    Returns:
-        The best value of what the best checkpoint is chosen by (`val/mpsnr`); None if there is none.
-    """
+    """Train into the run folder; returns the best value of what the best checkpoint is chosen by (`val/mpsnr`)."""
     own = Run(folder)
     if is_sweep_job() and own.is_finished:
         return own.training["best_value"]
@@ -45,8 +38,7 @@ def train(config: DictConfig, folder: Path) -> float | None:
     module = build_module(config, data)
     trainer = _trainer(config)
     if trainer.is_global_zero:
-        facts = timing.facts(trainer.strategy.root_device)
-        atomic.write_text(folder / "machine.json", json.dumps(facts, indent=2) + "\n")
+        timing.write_facts(folder, trainer.strategy.root_device)
     try:
         trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
     except SystemExit:

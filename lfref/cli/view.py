@@ -4,19 +4,17 @@ from pathlib import Path
 
 import torch
 from omegaconf import DictConfig
-from torch import Tensor
 from torch.nn import functional as F
 
 from lfref import encoding
 from lfref.cli import config as configs
 from lfref.cli import steps
-from lfref.cli.command import command, device_of, log, paths
+from lfref.cli.command import command, device_of, log
 from lfref.cli.steps import Planes, planes_of
 from lfref.geometry import FocalPlanes
 from lfref.io import images, lytro_files
 from lfref.lightfield import LightField
 from lfref.refocus.disparity.disparity_map import DisparityMap
-from lfref.refocuser.refocuser import Aperture
 from lfref.report.refocused import Refocused
 from lfref.viewer import view_page
 
@@ -27,8 +25,8 @@ def view(config: DictConfig, folder: Path) -> None:
     aperture, quality = configs.build(config.aperture), configs.build(config.page_quality)
     refocusers = [method.through(aperture) for method in steps.compared_methods(config, device)]
     configured_planes: Planes = configs.build(config.planes)
-    fields, named = steps.find_fields(config), paths(configs.plain(config.input))
-    flat_field = steps.flat_field_of(config, refocusers)
+    fields, flat_field = steps.find_fields(config), steps.flat_field_of(config, refocusers)
+    places = steps.result_folders(config, folder, fields)
 
     def read(_: str, path: Path) -> LightField | Refocused:
         if lytro_files.is_stack(path):
@@ -62,9 +60,11 @@ def view(config: DictConfig, folder: Path) -> None:
     gallery: list[view_page.GalleryEntry] = []
 
     def write_page(name: str, shown: dict[str, Refocused]) -> None:
-        place = steps.result_folder(folder, name, fields[name], named) / "index.html"
-        title = config.title or next(iter(shown.values())).field.name
-        content = view_page.page_content(shown, _uneven(aperture, next(iter(shown.values())).field.grid), quality)
+        place, field = places[name] / "index.html", next(iter(shown.values())).field
+        title = config.title or field.name
+        weights = torch.ones(1, 1) if field.grid == (1, 1) else aperture(field.grid)
+        uneven = None if bool((weights == weights.max()).all()) else weights
+        content = view_page.page_content(shown, uneven, quality)
         written = view_page.write(place, title, _facts(shown), content)
         first = content["methods"][0]["planes"][content["start"]["plane"]]
         gallery.append(view_page.GalleryEntry(name, place.relative_to(folder).as_posix(), first))
@@ -79,12 +79,6 @@ def view(config: DictConfig, folder: Path) -> None:
         if len(gallery) > 1:
             view_page.write_gallery(folder / "index.html", config.title or "Light fields", gallery)
             log.info("open %s", folder / "index.html")
-
-
-def _uneven(aperture: Aperture, grid: tuple[int, int]) -> Tensor | None:
-    """The weights of an aperture; None if all views count alike, or if there is only one."""
-    weights = torch.ones(grid) if grid == (1, 1) else aperture(grid)
-    return None if bool((weights == weights.max()).all()) else weights
 
 
 class LambdaPlanes(FocalPlanes):

@@ -49,19 +49,8 @@ class Field:
     weight: Tensor | None = None
     """[V, U, 1, H, W], type of the samples or floating point."""
     encoding: Encoding = LINEAR
-    """Encoding of light as samples."""
     truth: Tensor | None = None
     """Photographs through the whole lens at the planes of the labels, in [0, 1], [N, C, H, W]."""
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Number of view rows and columns (V, U)."""
-        return self.samples.shape[0], self.samples.shape[1]
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Height and width (H, W) of a view in pixels."""
-        return self.samples.shape[3], self.samples.shape[4]
 
     def light(self) -> LightField:
         """The light field in linear light."""
@@ -93,14 +82,7 @@ def kept(entry: Path, name: str, make: Callable[[], Field]) -> Field:
 
 
 def cached(path: Path, options: Mapping[str, Any], folder: Path, correct: str = NONE) -> Field:
-    """Open a light field through the cache in a folder, decoding it on first use.
-
-    Args:
-        path: File or folder of the light field.
-        options: Arguments of `lfref.read`.
-        folder: Folder of the cache.
-        correct: `none`, `auto`, or a file of corrections.
-    """
+    """Open a light field by options of `lfref.read` through the cache in a folder, decoding it on first use."""
     # The names of a folder's images say where views stand on the grid.
     names = [file.name for file in view_folders.image_files(path)] if path.is_dir() else []
     white = content_hash(Path(options["calibration"])) if options.get("calibration") is not None else None
@@ -130,10 +112,7 @@ def _decode(path: Path, options: Mapping[str, Any], correct: str) -> Field:
 
 
 def content_hash(path: Path, folder: Path | None = None) -> str:
-    """SHA-256 of a light field's images without their file names, so that renamed copies are recognised.
-
-    A stored hash is valid as long as the names, sizes and times of all files are unchanged.
-    """
+    """SHA-256 of a light field's images without their names; one that is stored holds while no file has changed."""
     files = view_folders.image_files(path) if path.is_dir() else [path]
     if path.suffix.lower() == lytro_files.BARE:
         with suppress(OSError):  # decoding says what is wrong

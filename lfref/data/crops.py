@@ -29,7 +29,6 @@ FLAT = 1 / 255
 DRAWS = 8
 """Number of draws of a corner after which a flat patch is left out."""
 MOST_WORKERS = 8
-"""Processes beyond which `auto` adds none: each keeps some batches in memory."""
 
 
 class Crop(TypedDict):
@@ -67,11 +66,7 @@ class Source(abc.ABC):
 class Crops(Dataset[Crop]):
     """Crops of every light field of a source, by (epoch, index of the field, number of the crop).
 
-    Args:
-        source: The light fields.
-        patch: Height and width of a patch in pixels.
-        margin: Function of the grid -> pixels around a patch; None: 0.
-        seed: Seed of the corners.
+    `patch` is the side of a patch, `margin` a function of the grid -> pixels around it (None: 0), both in pixels.
     """
 
     def __init__(self, source: Source, patch: int, margin: Callable[[tuple[int, int]], int] | None, seed: int) -> None:
@@ -100,9 +95,10 @@ class Crops(Dataset[Crop]):
 
     def _drawn(self, field: Field, random: np.random.Generator) -> Crop | None:
         """A crop at a random place; None if all that are drawn are flat."""
-        free = np.array(field.size) - self.patch
+        size = field.samples.shape[-2:]
+        free = np.array(size) - self.patch
         if free.min() < 0:
-            got, remedy = "x".join(map(str, field.size)), "set data.patch smaller"
+            got, remedy = "x".join(map(str, size)), "set data.patch smaller"
             raise InputError(f"{field.name} must be at least {self.patch} pixels high and wide", got=got, remedy=remedy)
         for _ in range(DRAWS):
             top, left = random.integers(0, free + 1).tolist()
@@ -117,11 +113,12 @@ class Crops(Dataset[Crop]):
 
     def cut(self, field: Field, top: int, left: int) -> Crop:
         """The crop of the patch at a corner."""
-        margin = 0 if self.margin is None else self.margin(field.grid)
-        side = [min(length, self.patch + 2 * margin) for length in field.size]
+        n_rows, n_columns, _, *size = field.samples.shape
+        margin = 0 if self.margin is None else self.margin((n_rows, n_columns))
+        side = [min(length, self.patch + 2 * margin) for length in size]
         first = [
             min(max(0, start - margin), length - own)
-            for start, own, length in zip((top, left), side, field.size, strict=True)
+            for start, own, length in zip((top, left), side, size, strict=True)
         ]
         rows, columns = (slice(start, start + own) for start, own in zip(first, side, strict=True))
         crop = Crop(
@@ -169,8 +166,7 @@ def labelled(batch: dict[str, Any], labels: OperatorLabels | RenderedLabels, pat
 class EpochSampler(Sampler[tuple[int, ...]]):
     """Yields (epoch, index, number): items shuffled by (seed, epoch) and shared among the ranks, each several times.
 
-    The key holds the epoch, so that persistent workers get it, and a resumed run draws the crops of an uninterrupted
-    one. Without a seed (validation), the order is fixed and the epoch stays 0.
+    Persistent workers, and resumed runs, thereby know the epoch. Without a seed (validation) all epochs are alike.
     """
 
     def __init__(self, n_items: int, seed: int | None, repeats: int = 1, rank: int = 0, world_size: int = 1) -> None:

@@ -40,15 +40,13 @@ PAPER_TEST = re.compile(
     r"img0*(1085|1086|1184|1187|1306|1312|1316|1317|1320|1321|1324|1325|1327|1328|1340|1389|1390|1411|1419|1528|1541|"
     r"1554|1555|1586|1743)(?!\d)|^(cars|flower1|flower2|rock|seahorse)$"
 )
-"""Names of the 30 Scenes test set (Kalantari et al. 2016), on which the paper reports, as `without_test_set` reads
-them."""
+"""The 30 Scenes test set (Kalantari et al. 2016), on which the paper reports, as `without_test_set` reads names."""
 
 
 def without_test_set(paths: Sequence[Path]) -> list[Path]:
-    """Light fields whose names are not in `PAPER_TEST`.
+    """Light fields whose names are not in `PAPER_TEST`, whatever their case, separators and `eslf`.
 
-    Case, separators and `eslf` do not matter. `IMG` with a number of the list counts anywhere in the name
-    (`IMG-1085 cropped`); `Cars` and the other words count only alone (not `Cars_at_night`).
+    `IMG` with a number of the list counts anywhere in the name, the words count only alone (not `Cars_at_night`).
     """
     return [path for path in paths if not PAPER_TEST.search(re.sub(r"[\s._-]|eslf", "", path.stem.lower()))]
 
@@ -132,18 +130,7 @@ class PatchData(LightningDataModule, abc.ABC):
 
 
 class FolderData(PatchData):
-    """Patches of the light fields below a folder.
-
-    Args:
-        path: Folder of light fields.
-        validation_path: Folder of held-out light fields; None holds out `validation_share` of `path`.
-        validation_share: Share of the light fields that is held out, in (0, 1).
-        cache_folder: Folder of decoded light fields.
-        reader: Arguments of `lfref.read`.
-        correct: `none`, `auto` (the defects of each light field), or a file of corrections.
-        labels: Who makes the labels.
-        **options: Arguments of `PatchData`.
-    """
+    """Patches of the light fields below a folder; arguments are those of `conf/data/folder.yaml` and `PatchData`."""
 
     def __init__(
         self,
@@ -218,14 +205,7 @@ class FolderSource(Source):
 class SimulatedData(PatchData):
     """Patches of simulated scenes: new scenes in every training epoch, and fixed held-out scenes.
 
-    Args:
-        labels: Who makes the labels.
-        n_fields: Scenes per training epoch.
-        n_validation: Number of held-out scenes.
-        scenes: Distribution of the scenes, or one scene.
-        correct: `none`, `auto` (the defects of each light field), or a file of corrections.
-        cache_folder: Folder in which scenes are kept, so that all epochs train on the same ones; None: new ones.
-        **options: Arguments of `PatchData`.
+    Arguments are those of `conf/data/simulated.yaml` and `PatchData`.
     """
 
     def __init__(
@@ -253,15 +233,9 @@ class SimulatedData(PatchData):
 
 
 class SimulatedSource(Source):
-    """Simulated scenes, each fixed by (seed, epoch, index).
+    """Simulated scenes, each fixed by (seed, epoch, index); arguments as for `SimulatedData`.
 
-    Args:
-        n_fields: Fields per epoch.
-        seed: Seed of all scenes.
-        scenes: Distribution of the scenes, or one scene, which is repeated with other textures and noise.
-        planes: Slopes of the photographs; none by default.
-        correct: `none`, `auto` (the defects of each field), or a file of corrections.
-        kept_in: Folder in which fields of epoch 0 are kept, for all epochs; None renders new ones in every epoch.
+    One scene is repeated with other textures and noise; `planes` are slopes of photographs.
     """
 
     def __init__(

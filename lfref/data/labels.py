@@ -1,8 +1,7 @@
 """Who makes labels for given focal planes: a refocusing operator, or a photograph of the scene.
 
-Crops are cut with a margin, so that a local operator (shift-and-sum) labels a patch exactly as it labels the whole
-field. A Fourier slice depends on every pixel of its input, so its patch labels differ from those of the whole field by
-ringing from the border of the crop; `docs/refocusing.md` states by how much.
+Crops have a margin, so that a local operator labels a patch exactly as it labels the whole field. A Fourier slice
+depends on every pixel, so its patch labels differ by ringing; `docs/refocusing.md` states by how much.
 """
 
 import math
@@ -30,10 +29,7 @@ class OperatorLabels:
         return self.refocuser.name
 
     def margin(self, grid: tuple[int, int]) -> int:
-        """Pixels around a patch that its label depends on, for (V, U) view rows and columns.
-
-        They are the outermost view's shift, one pixel for interpolation, and the blur of a view's cell.
-        """
+        """Pixels around a patch that its label depends on: the outermost shift, interpolation, the blur of a cell."""
         slopes = self.planes.slopes
         return math.ceil(geometry.corner_shift(slopes, grid)) + 1 + footprint.radius(self.refocuser.cell_width(slopes))
 

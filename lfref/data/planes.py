@@ -54,9 +54,7 @@ class Recipe:
     features: Sequence[str] = FEATURES
     """Names of the features that the refiner reads, candidates first."""
     seed: int = 0
-    """Seed of all items."""
     grids: Sequence[tuple[int, int]] = ((7, 7),)
-    """View rows and columns."""
     samples: Sequence[int] = (1, 2)
     """Samples of a camera along each axis of a pixel; with more than one, views alias."""
     depths: Sequence[float] = (0.5, 1.0, 1.0, 2.0, 5.0)
@@ -70,7 +68,6 @@ class Recipe:
     whole: float = 0.25
     """Share of slopes that are rounded to whole numbers, at which no view is read between its pixels."""
     n_near: int = 3
-    """Number of planes near focus, at disparities that occur in the scene."""
     ranges: Sequence[tuple[float, float]] = ((-2.0, 1.2), (0.0, 0.6), (-7.0, -1.0))
     """Ranges of slopes; each range gives a further plane."""
     correct: str = AUTO
@@ -103,7 +100,11 @@ def make(recipe: Recipe, index: int) -> Item:
     # Planes near focus lie at disparities that are known only once the scene is drawn.
     disparity = Simulation(scene).run(["disparity"], [0.0]).disparity
     assert disparity is not None
-    slopes = _slopes(recipe, disparity, random)
+    in_focus = random.choice(disparity.flatten().cpu().numpy(), recipe.n_near)
+    near = in_focus + random.uniform(-NEAR, NEAR, recipe.n_near)
+    drawn = np.array([*near, *(random.uniform(*ends) for ends in recipe.ranges)])
+    is_whole = random.random(len(drawn)) < recipe.whole
+    slopes = tuple(np.where(is_whole, drawn.round(), drawn).tolist())
     simulation = Simulation(scene, max(map(abs, slopes)))
     views, truth = simulation.run(["views"], [0.0]).views, simulation.run(["truth"], slopes).truth
     assert views is not None
@@ -134,14 +135,6 @@ def _scene(recipe: Recipe, index: int, random: np.random.Generator) -> Scene:
     return replace(scene, sensor=Sensor()) if kind < recipe.plain + recipe.ideal else scene
 
 
-def _slopes(recipe: Recipe, disparity: Tensor, random: np.random.Generator) -> tuple[float, ...]:
-    in_focus = random.choice(disparity.flatten().cpu().numpy(), recipe.n_near)
-    near = in_focus + random.uniform(-NEAR, NEAR, recipe.n_near)
-    slopes = np.array([*near, *(random.uniform(*ends) for ends in recipe.ranges)])
-    is_whole = random.random(len(slopes)) < recipe.whole
-    return tuple(np.where(is_whole, slopes.round(), slopes).tolist())
-
-
 def write(path: Path, item: Item) -> None:
     """Store an item in half precision, and add the rounding error of the pictures to `missing`."""
     half = item.pictures.half()
@@ -165,10 +158,7 @@ batch, the images of B planes [B, ., H, W] and B names."""
 
 
 class Planes(Dataset[Entry]):
-    """All planes of some items, one per entry: whole, or random crops in random orientations.
-
-    Crops are repeatable by (seed, epoch, place). All items must have the same number of planes and the same size.
-    """
+    """All planes of some items of equal shape: whole, or crops that are fixed by (seed, epoch, place) and turned."""
 
     def __init__(self, paths: Sequence[Path], crop: int | None = None, seed: int = 0) -> None:
         self.paths, self.crop, self.seed = paths, crop, seed
@@ -200,18 +190,7 @@ def turned(image: Tensor, random: np.random.Generator) -> Tensor:
 
 
 class PlaneData(LightningDataModule):
-    """Crops of the planes of a set, whose missing items are made before the training.
-
-    Args:
-        recipe: Recipe of the set.
-        cache_folder: Folder of all sets, in which this one has the name of its recipe's key.
-        n_fields: Number of light fields.
-        n_validation: Number of held-out light fields, from the start of the set.
-        crop: Height and width of training crops in pixels.
-        planes_per_batch: Crops per batch, from any light fields.
-        workers: Processes that prepare batches; 0: the training itself; `auto`: as `crops.epoch_loader` says.
-        seed: Seed of order and crops.
-    """
+    """Crops of the planes of a set, made before the training; arguments are those of `conf/data/planes.yaml`."""
 
     def __init__(
         self,

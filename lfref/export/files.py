@@ -29,6 +29,7 @@ from lfref.io import atomic, tensor_files
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
+from lfref.refocus.disparity import disparity_map
 from lfref.refocus.focus import line_range
 from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, Exported, load
 from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, refiner_entry
@@ -36,7 +37,7 @@ from lfref.refocuser.refocuser import Operator, OperatorRefocuser, Refocuser
 
 Axes = tuple[int | str, ...]
 """Lengths of axes; a letter where any length will do."""
-SIZE = (2, 133, 143)
+SIZE = (2, 563, 587)
 """Number of light fields, height and width with which a graph is traced; none is a special case."""
 TOLERANCE = 1e-4
 """Largest distance, in light, between pictures of a file and of its refocuser."""
@@ -47,6 +48,7 @@ OPERATORS = {
     "shift_and_sum_antialiased": line_range.REDUCTION * line_range.SMALLEST,
     "exact_fourier": 1,
     "separable_wiener": 1,
+    "blockwise_wiener": disparity_map.LARGE,
 }
 """Operators that files hold, and the least height and width of views: smaller ones are reduced by other factors."""
 
@@ -82,7 +84,7 @@ def export(refocuser: Refocuser, path: Path, fields: Sequence[LightField], slope
     """Write a refocuser as a file.
 
     Args:
-        refocuser: A network with planes of its own; as ONNX also `separable_wiener`; as safetensors also a refiner.
+        refocuser: A network with planes of its own, or one of `OPERATORS`; as safetensors also a refiner.
         path: `NAME.onnx`, `NAME.pt2` or `NAME.safetensors`.
         fields: Light fields on which the file is tried: alone, and beside their mirror images. An operator's file
             reads the grid of the first.
@@ -126,7 +128,7 @@ def graph_of(refocuser: Refocuser, grid: tuple[int, int]) -> Graph:
     raise InputError(
         f"a graph must be of a network with planes of its own, or of {', '.join(OPERATORS)}",
         got=refocuser.name,
-        remedy=f"take method=separable_wiener, or {tensor_files.SUFFIX} for a refiner",
+        remedy=f"take method=blockwise_wiener, or {tensor_files.SUFFIX} for a refiner",
     )
 
 
@@ -136,7 +138,7 @@ def _network(refocuser: NetworkRefocuser) -> Graph:
     assert refocuser.grid is not None
     channels = int(network.config.get("channels", 3))
     views: Axes = ("B", *refocuser.grid, channels, "H", "W")
-    example = torch.rand(SIZE[0], *refocuser.grid, channels, *SIZE[1:])
+    example = torch.empty(SIZE[0], *refocuser.grid, channels, *SIZE[1:])
     description = {
         "name": refocuser.name,
         VIEWS: views,
@@ -164,7 +166,7 @@ class OperatorGraph(nn.Module):
 def _operator(refocuser: OperatorRefocuser, grid: tuple[int, int]) -> Graph:
     options = {} if refocuser.aperture is None else {"weights": refocuser.aperture(grid)}
     views: Axes = (*grid, "C", "H", "W")
-    example = torch.rand(*grid, 3, *SIZE[1:]), torch.tensor([-0.5, 0.0, 0.5])
+    example = torch.empty(*grid, 3, *SIZE[1:]), torch.tensor([-0.5, 0.0, 0.5])
     least = OPERATORS[refocuser.function.__name__]
     description = {"name": refocuser.name, VIEWS: views, "least": least}
     module = OperatorGraph(refocuser.operator, options, least).eval()

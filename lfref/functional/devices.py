@@ -60,6 +60,11 @@ def at_most(count: Tensor, most: int) -> int:
     return int(count) if is_known(count) else most
 
 
+def length_within(count: Tensor, most: int) -> int:
+    """A count as the length of an axis; on a GPU, for which the host would wait, the most that it may be."""
+    return length_of(count) if torch.compiler.is_exporting() else at_most(count, most)
+
+
 def number(value: float, like: Tensor) -> Tensor:
     """A number on a device, float64; a file computes a length for pictures of any size."""
     return torch.full((), value, dtype=torch.float64, device=like.device)
@@ -67,7 +72,7 @@ def number(value: float, like: Tensor) -> Tensor:
 
 def length_of(count: Tensor) -> int:
     """A count as the length of an axis, at least 1: in a file, a length that its input decides."""
-    length: int = count.item() if torch.compiler.is_exporting() else int(count)  # type: ignore[assignment]
+    length: int = count.long().item() if torch.compiler.is_exporting() else int(count)  # type: ignore[assignment]
     if torch.compiler.is_exporting():
         torch._check(length >= 1)
         torch._check(length < 2**31)

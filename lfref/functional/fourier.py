@@ -135,16 +135,26 @@ class Frame(NamedTuple):
         return self.within(torch.fft.irfft2(spectra, s=self.period))
 
 
-def filtered_lines(
-    lines: Iterable[Tensor], factors: Sequence[tuple[Tensor, Tensor]], frame: Frame, is_whole: bool = False
-) -> Tensor:
-    """Sums [N, P, H, W] of filtered pictures, line by line [U, P, H, W], each in a period; the periods if `is_whole`.
+Factors = Sequence[tuple[Tensor, Tensor]]
+"""Of each line those of rows, [2, N, h], and of columns, [2, N, U, w // 2 + 1]."""
 
-    The factors of each line are those of rows, [2, N, h], and of columns, [2, N, U, w // 2 + 1].
-    """
-    crop = frame._replace(first=(0, 0), size=frame.period) if is_whole else frame
+
+def filtered_lines(lines: Iterable[Tensor], factors: Factors, frame: Frame) -> Tensor:
+    """Sums [N, P, H, W] of filtered pictures, line by line [U, P, H, W], each in a period."""
     if torch.compiler.is_exporting():
-        return crop.within(_filtered_by_matrices(lines, factors, frame))
+        return frame.within(_filtered_by_matrices(lines, factors, frame))
+    spectra = mixed_lines(lines, factors, frame)
+    if len(spectra) == 1:
+        return frame.pictures(spectra[0])
+    # Each spectrum is given up as its image is written: all of both together would be the peak of memory.
+    stack = spectra[0].real.new_empty((len(spectra), spectra[0].shape[1], *frame.size))
+    for n in reversed(range(len(spectra))):
+        stack[n] = frame.pictures(spectra.pop()[0])
+    return stack
+
+
+def mixed_lines(lines: Iterable[Tensor], factors: Factors, frame: Frame) -> list[Tensor]:
+    """The spectra of `filtered_lines`, in parts [n, P, h, w // 2 + 1] that are together those of all planes."""
     totals: list[Tensor] = []
     for pictures, (rows, columns) in zip(lines, factors, strict=True):
         periods = frame.extended(pictures)
@@ -154,20 +164,14 @@ def filtered_lines(
             mixed = torch.einsum("nuk,uphk->npkh", across, spectra).mT
             totals = [mixed * down[:, None] if not totals else totals[0].addcmul_(mixed, down[:, None])]
             continue
-        totals = totals or [torch.zeros_like(spectra[0]) for _ in down]
+        totals = totals or [torch.zeros_like(spectra[:1]) for _ in down]
         for total, row_factors, column_factors in zip(totals, down, across, strict=True):
             part = spectra[0] * column_factors[0]
             for spectrum, factor in zip(spectra[1:], column_factors[1:], strict=True):
                 part.addcmul_(spectrum, factor)
-            total.addcmul_(part, row_factors)
+            total[0].addcmul_(part, row_factors)
             del part  # so that the next sum gets the same memory, which is in the cache
-    if not is_known(totals[0]):
-        return crop.pictures(totals[0])
-    # Each spectrum is given up as its image is written: all of both together would be the peak of memory.
-    stack = totals[0].real.new_empty((len(totals), totals[0].shape[0], *crop.size))
-    for n in reversed(range(len(totals))):
-        stack[n] = crop.pictures(totals.pop())
-    return stack
+    return totals
 
 
 class _Matrices(NamedTuple):

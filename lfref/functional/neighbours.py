@@ -1,7 +1,7 @@
 """Filters over neighbouring pixels: box means and maxima, binomial and Gaussian means.
 
-Boxes are computed by shifting whole pictures against each other, one axis after the other. This takes a fraction of the
-time of PyTorch's pooling, which reads each window anew.
+On a processor, boxes are computed by shifting whole pictures against each other, one axis after the other. This takes a
+fraction of the time of PyTorch's pooling, which reads each window anew.
 """
 
 import math
@@ -10,13 +10,15 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.functional.devices import is_known
+
 LARGE = 15
 """Side of a square, in pixels, from which on pooling a row, then a column, takes fewer operations than shifts."""
 
 
 def box_mean(images: Tensor, window: int) -> Tensor:
     """Mean of a square of `window` (odd) pixels about each pixel of images [..., H, W]; it ends at their border."""
-    if window > LARGE:
+    if window > LARGE or not is_known(images):
         flat = images.reshape(1, -1, *images.shape[-2:])
         for sides in ((window, 1), (1, window)):
             reach = (sides[0] // 2, sides[1] // 2)
@@ -81,8 +83,11 @@ def smoothed(images: Tensor, sigma: float) -> Tensor:
     half_width = math.ceil(3 * sigma)
     offsets = torch.arange(-half_width, half_width + 1, dtype=torch.float64, device=images.device)
     window = (-(offsets / sigma).square() / 2).softmax(0).to(images.dtype)
-    padded = F.pad(images, (half_width,) * 4, mode="replicate")[None]
+    padded = F.pad(images, (half_width,) * 4, mode="replicate")
+    if torch.compiler.is_exporting():  # the number of channels of a file is no variable
+        rows = F.conv2d(padded[:, None], window.expand(1, 1, 1, -1))
+        return F.conv2d(rows, window[:, None].expand(1, 1, -1, 1))[:, 0]
     with torch.autocast(images.device.type, enabled=False):
         # Images as channels: CUDA never runs a depthwise convolution in TF32.
-        rows = F.conv2d(padded, window.expand(len(images), 1, 1, -1), groups=len(images))
+        rows = F.conv2d(padded[None], window.expand(len(images), 1, 1, -1), groups=len(images))
         return F.conv2d(rows, window[:, None].expand(len(images), 1, -1, 1), groups=len(images))[0]

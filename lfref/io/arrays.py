@@ -27,6 +27,7 @@ from lfref.io.samples import ReadOptions, Samples
 ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", "nhwc", "nchw", "hwcn")
 """Axes that are tried where the option `axes` is not set."""
 N_AXES = (4, 5)
+SUFFIXES = ".npy", ".npz", ".mat", ".h5", ".hdf5"
 USUAL_NAME = "lf"
 """Usual name of the light field if a file has several arrays, in small letters."""
 
@@ -77,12 +78,8 @@ def _open_mat(path: Path) -> Iterator[list[StoredArray]]:
 @contextmanager
 def _open_mat_73(path: Path) -> Iterator[list[StoredArray]]:
     """Open a MAT file of MATLAB 7.3: HDF5 with the axes in reverse order."""
-
-    def transposed(load: Callable[[], NDArray]) -> NDArray:
-        return load().T
-
     with _open_hdf5(path) as stored:
-        yield [StoredArray(name, shape[::-1], partial(transposed, load)) for name, shape, load in stored]
+        yield [StoredArray(name, shape[::-1], partial(lambda load: load().T, load)) for name, shape, load in stored]
 
 
 @contextmanager

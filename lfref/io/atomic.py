@@ -23,11 +23,6 @@ def file_errors(path: Path, action: str) -> Iterator[None]:
         raise FileError(f"{path} cannot be {action}", got=got, remedy=remedy) from error
 
 
-def partial_files(folder: Path) -> list[Path]:
-    """Half-written files and folders that killed processes left in a folder (not in its subfolders)."""
-    return sorted(folder.glob(".*.partial-*"))
-
-
 def _partial_name(path: Path) -> Path:
     # The suffix stays, since writers choose the format by it.
     return path.with_name(f".{path.stem[:200]}.partial-{secrets.token_hex(6)}{path.suffix}")

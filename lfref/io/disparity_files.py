@@ -26,7 +26,6 @@ RELIEF = 0.25
 FARTHEST = 1e3
 """Largest depth of points, in focus distances: beyond it, disparity hardly depends on depth."""
 METADATA = {"focal length": " mm", "sensor size": " mm", "baseline": " mm", "focus distance": " m"}
-"""Entry of the metadata -> its unit."""
 CUT = "cut from"
 """Entry of the metadata with the size of the pictures before they were cropped, such as `512x512 pixels`."""
 
@@ -75,14 +74,10 @@ class Points(NamedTuple):
     pixels: Tensor
     """Pixels of the points, boolean, [H, W], P of them true."""
     unit: str
-    """Unit of the positions, in one line."""
 
 
 def points(nearness: Tensor, chosen: Tensor, cameras: Cameras | None = None) -> Points:
-    """Put chosen pixels [H, W] of a disparity map into space, where they are finite and nearer than `FARTHEST`.
-
-    `nearness` is the disparity in pixels per view step, with the sign that makes near points larger, [H, W].
-    """
+    """Put chosen pixels [H, W] of a map of nearness, disparity that grows towards us, into space up to `FARTHEST`."""
     near = nearness.double()
     pixels = chosen.bool() & near.isfinite()
     # The optical axis passes through the middle of uncropped pictures.
@@ -108,25 +103,17 @@ def write_points(
     others: Mapping[str, NDArray] | None = None,
     comments: Sequence[str] = (),
 ) -> None:
-    """Write a point cloud as a binary PLY file.
+    """Write points `x y z` [P, 3] with colours for the screen, uint8 [P, 3], as a binary PLY file.
 
-    Args:
-        path: The `.ply` file to write.
-        positions: Positions `x y z` of the points, [P, 3].
-        colours: Colours `red green blue` of the points, encoded for the screen, uint8, [P, 3].
-        others: Further properties by name (one word), [P] each.
-        comments: Lines for the header: units, and the meaning of the numbers.
+    `others` are further properties by name, [P] each; `comments` are lines for the header.
     """
     # Colours come before properties that only some programs read.
     columns = {name: positions[:, k].astype("<f4") for k, name in enumerate("xyz")}
     columns |= {name: colours[:, k] for k, name in enumerate(("red", "green", "blue"))}
     columns |= {name: values.astype("<f4") for name, values in (others or {}).items()}
     kinds = {name: "uchar" if values.dtype == np.uint8 else "float" for name, values in columns.items()}
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        *(f"comment {line}" for line in ("written by lfref", *comments)),
-    ]
+    lines = "written by lfref", *comments
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in lines)]
     header += [f"element vertex {len(positions)}", *(f"property {kind} {name}" for name, kind in kinds.items())]
     table = np.rec.fromarrays(list(columns.values()))
     with atomic.replacing(path) as partial, partial.open("wb") as file:

@@ -204,10 +204,9 @@ class Part(NamedTuple):
 
 
 def write_image(path: str | Path, array: NDArray, *, bits: int | None = None, quality: int = QUALITY) -> None:
-    """Write samples [H, W, C] as an image file, all of it or nothing; the suffix is a key of `DEPTHS`.
+    """Write samples [H, W, C] as an image file, all of it or nothing; integer formats clip floats to [0, 1].
 
-    `bits` is 8, 16 or 32 as in `DEPTHS`; None: the first there, but 16 for a uint16 array as PNG or TIFF. Integer
-    formats clip floats to [0, 1].
+    Suffix and `bits` are as in `DEPTHS`; None: the first there, but 16 for a uint16 array as PNG or TIFF.
     """
     path = Path(path)
     if bits is None and array.dtype == np.uint16 and path.suffix.lower() in (".png", ".tif"):

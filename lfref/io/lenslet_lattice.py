@@ -1,23 +1,49 @@
-"""The lattice of lenslets in front of a sensor, and views sampled from it between the pixels.
+"""The lattice of lenslets in front of a sensor: where an image shows it, and views sampled between its pixels.
 
-A lattice tells where each lenslet stands in pixels of the lenslet image; sampling brings any lattice onto a square one.
-Letters: `V U` view rows and columns, `C` channels, `i j` row and column of a lenslet, `y x` of a pixel (whole numbers
-at the centres). Interpolation is cubic convolution.
+A lattice tells where each lenslet stands in pixels of the lenslet image. Two plane waves make one: their crests cross
+at the centres of the lenslets. `find_lattice` takes the strongest waves of the image's middle, and fits their phases in
+tiles all over the image by least squares. Sampling, by cubic convolution, brings any lattice onto a square one.
+Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns, `i j` row and column of a lenslet,
+`y x` of a pixel (whole numbers at the centres), `f` frequency (y, x) of a wave in cycles a pixel.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch.nn.functional import embedding_bag
 
+from lfref.errors import FileError
 from lfref.functional import splines
 from lfref.io.samples import Pair
 
 SAME_PITCH = 0.01
 """Largest relative difference of the pitch in an image from what an option or a record says of it."""
+MIDDLE = 1024
+"""Side of the image's middle that is searched for waves, in pixels."""
+SHORTEST_WAVE = 2.5
+"""Shortest wave that is searched for, in pixels: longer than the 2 of a colour mosaic."""
+PROMINENCE = 8.0
+"""Least amplitude of a lattice's wave, in mean amplitudes of waves of about its length; shading has no such peaks."""
+RELATIVE_AMPLITUDE = 0.25
+"""Least amplitude of a lattice's wave, as a share of the strongest; the two longest such waves make the lattice."""
+SQUARE, HEXAGONAL = 90.0, 60.0
+"""Angle between the two waves, in degrees."""
+ANGLE_ERROR = 12.0
+"""Largest error of the angle between the waves, in degrees: less than half of the 30 from square to hexagonal."""
+TILE = 8.0
+MAX_TILES = 32
+PHASE_ERROR = 0.12
+"""Largest distance of the tiles' lenslets from the lattice, root mean square, in pitches; random phases have .29."""
+SCENE_PHASE_ERROR = 0.06
+"""The same for an image of a scene: lenslets have .01 to .05, a wall through a lens that bends by .3 % .06 to .1."""
+MAX_HEXAGONAL_ROTATION = 15.0
+"""Largest rotation of hexagonal rows, in degrees: half of the 30 after which other rows are more level."""
+FEWEST_LENSLETS = 16
+"""Fewest lenslets along each axis that allow a judgement."""
 
 
 @dataclass(frozen=True)
@@ -182,3 +208,169 @@ def squared(views: NDArray[np.float32], lattice: Lattice, i: NDArray) -> NDArray
         row = padded[..., k, :]
         rows.append(np.sum([weights[n] * row[..., whole + n] for n in range(TAPS)], axis=0, dtype=np.float32))
     return np.stack(rows, axis=-2) if rows else views
+
+
+def lattice_of(white: NDArray, path: Path) -> Lattice:
+    """The lattice of the lenslets of a white image, linear light, [H, W]; lenslet (0, 0) is in its middle."""
+    lattice = find_lattice(white)
+    if lattice is None:
+        remedy = "turn it by 90 degrees, or set reader.pitch, offset and rotation without reader.calibration"
+        raise FileError(f"{path} must show lenslets of a regular lattice in level rows", got="none", remedy=remedy)
+    return lattice
+
+
+def lattice_of_scene(image: NDArray) -> Lattice | None:
+    """The lattice that the lenslets of a scene show by their dark borders, [H, W] in any encoding; None if none."""
+    # The root evens out the light, so that bright parts of a scene do not decide alone.
+    lattice = find_lattice(np.sqrt(np.maximum(image, 0)), SCENE_PHASE_ERROR)
+    if lattice is None or min(image.shape) < FEWEST_LENSLETS * max(lattice.pitch):
+        return None
+    return lattice
+
+
+def find_lattice(image: NDArray, phase_error: float = PHASE_ERROR) -> Lattice | None:
+    """The lattice in level rows that a white image, or one of lenslets with dark borders, shows, [H, W], or None."""
+    rough = strongest_waves(image)
+    waves = None if rough is None else _fit_phases(image, rough, phase_error)
+    lattice = None if waves is None else _lattice_of_waves(*waves)
+    if lattice is None or (lattice.is_hexagonal and abs(lattice.rotation) > MAX_HEXAGONAL_ROTATION):
+        return None
+    return _counted_from_middle(lattice, image.shape)
+
+
+def refined(image: NDArray, lattice: Lattice) -> Lattice | None:
+    """A lattice that is known to about one part in 20, as an image [H, W] shows it; None if it does not."""
+    columns = np.array(lattice.columns)
+    steps = np.stack([np.array(lattice.rows) + columns / 2 * lattice.is_hexagonal, columns])
+    waves = _fit_phases(image, np.linalg.inv(steps).T, PHASE_ERROR)
+    return None if waves is None else _counted_from_middle(_lattice_of_waves(*waves), image.shape)
+
+
+def _counted_from_middle(lattice: Lattice, shape: tuple[int, ...]) -> Lattice:
+    """The lattice whose lenslet (0, 0) is next to the middle of an image: errors of the pitch do least harm so."""
+    height, width = shape
+    i, j = lattice.numbers_around((height, width))
+    y, x = lattice.centres(i[:, None], j[None, :])
+    if lattice.is_hexagonal:
+        y, x = y[i % 2 == 0], x[i % 2 == 0]
+    distances = np.hypot(y - (height - 1) / 2, x - (width - 1) / 2)
+    nearest = np.unravel_index(int(distances.argmin()), distances.shape)
+    return replace(lattice, origin=(float(y[nearest]), float(x[nearest])))
+
+
+def strongest_waves(white: NDArray) -> NDArray | None:
+    """Rough frequencies of the two waves of a white image's lattice, the lower first, [2, 2]; None if it has no two."""
+    # The middle fades out towards its sides, so that they make no waves of their own.
+    height, width = (min(length, MIDDLE) for length in white.shape)
+    top, left = (white.shape[0] - height) // 2, (white.shape[1] - width) // 2
+    middle = white[top : top + height, left : left + width]
+    middle = (middle - middle.mean()) * np.hanning(height)[:, None] * np.hanning(width)
+    amplitude = np.abs(np.fft.rfft2(middle, (MIDDLE, MIDDLE)))
+    y, x = np.fft.fftfreq(MIDDLE), np.fft.rfftfreq(MIDDLE)
+
+    # Keep waves that stand out among those of about their length.
+    frequency = np.hypot(y[:, None], x)
+    ring = (frequency * MIDDLE / 4).astype(int)
+    mean = np.bincount(ring.ravel(), amplitude.ravel()) / np.bincount(ring.ravel())
+    # A tile of the longest wave fits into the middle.
+    is_candidate = (frequency > TILE / MIDDLE) & (frequency < 1 / SHORTEST_WAVE)
+    amplitude = np.where(is_candidate & (amplitude > PROMINENCE * mean[ring]), amplitude, 0)
+
+    # Take the strongest peaks; each removes its neighbourhood and its mirror image.
+    apart = 6 / min(*white.shape, MIDDLE)
+    rest, peaks = amplitude.copy(), []
+    while rest.max() > RELATIVE_AMPLITUDE * amplitude.max():
+        row, column = np.unravel_index(int(rest.argmax()), rest.shape)
+        offset = [_peak_offset(amplitude, (row, column), axis) for axis in (0, 1)]
+        peaks.append(np.array([y[row] + offset[0] * y[1], x[column] + offset[1] * x[1]]))
+        for sign in (1, -1):
+            rest[(abs(y - sign * y[row]) < apart)[:, None] & (abs(x - sign * x[column]) < apart)] = 0
+    peaks.sort(key=lambda f: math.hypot(*f))
+    second = next((f for f in peaks[1:] if _lattice_angle(peaks[0], f) is not None), None)
+    return None if second is None else np.stack([peaks[0], second])
+
+
+def _peak_offset(amplitude: NDArray, at: tuple[np.intp, np.intp], axis: int) -> float:
+    """Distance of a peak from its sample along an axis, by the parabola through its neighbours."""
+    before, here, after = (
+        amplitude[tuple((at[k] + step * (k == axis)) % amplitude.shape[k] for k in (0, 1))] for step in (-1, 0, 1)
+    )
+    bend = before - 2 * here + after
+    return float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend < 0 else 0.0
+
+
+def _lattice_angle(one: NDArray, other: NDArray) -> float | None:
+    """The nearest angle of a lattice's waves, `SQUARE` or `HEXAGONAL`; None if the two waves make no lattice."""
+    lengths = math.hypot(*one) * math.hypot(*other)
+    angle = math.degrees(math.acos(min(1.0, abs(float(one @ other)) / lengths)))
+    return next((known for known in (SQUARE, HEXAGONAL) if abs(angle - known) < ANGLE_ERROR), None)
+
+
+def _fit_phases(white: NDArray, rough: NDArray, phase_error: float) -> tuple[NDArray, NDArray] | None:
+    """Frequencies of waves and phases at pixel (0, 0), in cycles, by least squares; None if tiles disagree."""
+    side = math.ceil(TILE / np.hypot(*rough.T).min())
+    if side > min(white.shape):
+        return None
+    # Middles of tiles, evenly along each axis; neighbours overlap by half, or less if `MAX_TILES` limits their number.
+    centres = []
+    for length in white.shape:
+        count = min(MAX_TILES, max(1, 2 * (length - side) // side + 1))
+        centres.append(np.round(np.linspace(0, length - side, count)) + (side - 1) / 2)
+
+    # Amplitude and phase of each wave at the middle of each tile.
+    from_centre = np.arange(side) - (side - 1) / 2
+    fade = np.hanning(side + 2)[1:-1]
+    down, along = (fade * np.exp(-2j * math.pi * rough[:, k, None] * from_centre) for k in (0, 1))
+    tiles = np.empty((len(centres[0]), len(centres[1]), 2), complex)
+    for row, top in enumerate((centres[0] - (side - 1) / 2).astype(int)):
+        for column, left in enumerate((centres[1] - (side - 1) / 2).astype(int)):
+            tile = white[top : top + side, left : left + side]
+            level = fade @ tile @ fade / fade.sum() ** 2
+            tiles[row, column] = [down[k] @ (tile - level) @ along[k] for k in (0, 1)]
+    fits = [_fit_plane(tiles[..., k], rough[k], centres) for k in (0, 1)]
+    if any(error > phase_error for *_, error in fits):
+        return None
+    return np.stack([f for f, *_ in fits]), np.array([phase for _, phase, _ in fits])
+
+
+def _fit_plane(tiles: NDArray, rough: NDArray, centres: list[NDArray]) -> tuple[NDArray, float, float]:
+    """Frequency and phase at (0, 0) of a wave, and the error of its tiles (complex, [I, J]), all in cycles."""
+    y, x = centres[0][:, None], centres[1][None, :]
+    # Remove the mean phase step between neighbouring tiles first, so that no phase wraps around in the least squares.
+    turned = tiles * np.exp(-2j * math.pi * (rough[0] * y + rough[1] * x))
+    slips = []
+    for axis in (0, 1):
+        rows = np.moveaxis(turned, axis, 0)
+        cycles = float(np.angle((rows[1:] * rows[:-1].conj()).sum()) / (2 * math.pi)) if len(rows) > 1 else 0.0
+        slips.append(cycles / float(np.diff(centres[axis]).mean()) if len(rows) > 1 else 0.0)
+    f = rough + np.array(slips)
+    turned = tiles * np.exp(-2j * math.pi * (f[0] * y + f[1] * x))
+    base = np.angle(turned.sum())
+    rest = np.angle(turned * np.exp(-1j * base)) / (2 * math.pi)
+    ones, weight = np.ones(rest.shape), np.sqrt(np.abs(turned))
+    design = np.stack([ones, ones * y, ones * x], axis=-1)
+    for _ in range(3):
+        solution = np.linalg.lstsq((design * weight[..., None]).reshape(-1, 3), (rest * weight).ravel(), rcond=None)[0]
+        residual = rest - design @ solution
+        error = math.sqrt(float((weight**2 * residual**2).sum() / max(float((weight**2).sum()), 1e-30)))
+        # Leave out tiles of dust and of the picture's dark corners.
+        weight = weight * (abs(residual) < 4 * error + 1e-6)
+    return f + solution[1:], base / (2 * math.pi) + float(solution[0]), error
+
+
+def _lattice_of_waves(f: NDArray, phases: NDArray) -> Lattice:
+    """The lattice whose lenslets lie where the crests of both waves cross."""
+    steps = np.linalg.inv(f).T
+    origin = np.linalg.solve(f, -phases)
+    is_hexagonal = _lattice_angle(*f) == HEXAGONAL
+    if is_hexagonal:
+        # Six neighbours: the third pair lies between the first two.
+        steps = np.stack([*steps, *sorted((steps[0] + steps[1], steps[0] - steps[1]), key=np.linalg.norm)[:1]])
+    around = np.concatenate([steps, -steps])
+    columns = around[np.argmax(around[:, 1] / np.hypot(*around.T))]
+    rows = max(around, key=lambda step: step[0] * columns[1] - step[1] * columns[0])
+    if is_hexagonal:
+        # The neighbour below stands half a step to the left or to the right.
+        rows = rows - columns * math.copysign(0.5, rows @ columns)
+    origin_y, origin_x, row_y, row_x, column_y, column_x = map(float, (*origin, *rows, *columns))
+    return Lattice((origin_y, origin_x), (row_y, row_x), (column_y, column_x), is_hexagonal)

@@ -2,7 +2,7 @@
 
 In an ESLF image every block of 14x14 pixels is one lenslet: view (v, u) of lenslet (y, x) is pixel (14 y + v,
 14 x + u). Other lattices are resampled (`lenslet_lattice`): the image itself shows them by the dark borders of
-lenslets, or a white image of the camera does (`lenslet_search`), which also evens out the brightness of the views.
+lenslets, or a white image of the camera does (`lenslet_lattice`), which also evens out the brightness of the views.
 
 Photographs of bricks, tiles and fabric have lattices too, but the image of a pupil behind a lenslet is round. Lenslets
 that are aligned with the pixels need no dark gaps: the direction jumps from the last pixel of one to the first of the
@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from lfref import encoding as encodings
 from lfref.errors import FileError, InputError
 from lfref.functional import neighbours
-from lfref.io import images, lenslet_lattice, lenslet_search
-from lfref.io.lenslet_lattice import Lattice
-from lfref.io.lenslet_search import FEWEST_LENSLETS
+from lfref.io import images, lenslet_lattice
+from lfref.io.lenslet_lattice import FEWEST_LENSLETS, Lattice
 from lfref.io.samples import LENSLET, ReadOptions, Samples, split_weight
 
 log = logging.getLogger(__name__)
@@ -55,16 +54,19 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
     image = images.read_image(path)
     if images.format_of_head(images.read_head(path)) == "jpeg":
         log.warning("%s: the losses of JPEG mix neighbouring views; read a lossless file if there is one", path)
-    described = options.pitch, options.offset, options.rotation, options.lattice, options.calibration
-    if any(
-        option is not None for option in described
-    ):  # else they are aligned with the pixels, or the image shows them
+    # Without a description they are aligned with the pixels, or the image shows them.
+    if {options.pitch, options.offset, options.rotation, options.lattice, options.calibration} != {None}:
         return _resampled_views(path, image, options)
     grey = _grey(image)
     steps = [along for axis in (0, 1) if (along := steps_along(grey, axis)) is not None]
     has_borders = any(borders(along, options.lenslet) >= BORDER for along in steps)
     lattice = None if has_borders else _shown_lattice(grey)
-    shown = None if lattice is None or not _is_aligned(lattice, image.shape) else round(lattice.pitch[1])
+    shown = None
+    if lattice is not None and not lattice.is_hexagonal:
+        # Lenslets of whole pixels that stay within a pixel of the image's own rows and columns are aligned.
+        whole = np.rint(lattice.pitch)
+        drift = np.abs([lattice.rows, lattice.columns] - np.diag(whole)) * (np.array(image.shape[:2]) / whole)[:, None]
+        shown = round(lattice.pitch[1]) if bool((drift < 1).all()) else None
     if lattice is None or shown is not None or options.lenslet != LENSLET:
         pitch = options.lenslet if has_borders or not steps else shown or aligned_pitch(steps)
         _check_aligned(grey, options.lenslet, path, pitch)
@@ -80,19 +82,12 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
 def _shown_lattice(grey: NDArray) -> Lattice | None:
     """The lattice of round cells that an image [H, W] shows; None if it shows none."""
     # The middle is enough to see that there is none, which saves seconds for large images.
-    side = lenslet_search.MIDDLE
+    side = lenslet_lattice.MIDDLE
     top, left = (max(0, (length - side) // 2) for length in grey.shape)
-    if lenslet_search.lattice_of_scene(grey[top : top + side, left : left + side]) is None:
+    if lenslet_lattice.lattice_of_scene(grey[top : top + side, left : left + side]) is None:
         return None
-    lattice = lenslet_search.lattice_of_scene(grey)
+    lattice = lenslet_lattice.lattice_of_scene(grey)
     return None if lattice is None or roundness(grey, lattice)[0] < ROUND else lattice
-
-
-def _is_aligned(lattice: Lattice, size: tuple[int, ...]) -> bool:
-    """Whether lenslets of whole pixels stay within a pixel of the image's own rows and columns."""
-    whole = np.rint(lattice.pitch)
-    drift = np.abs([lattice.rows, lattice.columns] - np.diag(whole)) * (np.array(size[:2]) / whole)[:, None]
-    return not lattice.is_hexagonal and bool((drift < 1).all())
 
 
 def _check_aligned(grey: NDArray, lenslet: int, path: Path, pitch: int | None) -> None:
@@ -125,12 +120,7 @@ def _grey(image: NDArray) -> NDArray[np.float32]:
 
 
 def roundness(image: NDArray, lattice: Lattice) -> tuple[float, float]:
-    """How round the mean cell of a lattice is in the middle of an image [H, W], and its contrast.
-
-    Returns:
-        Share of the variance of the mean cell that the distance from its centre explains; standard deviation of the
-        mean cell over its mean.
-    """
+    """Share of a mean cell's variance that the distance from its centre explains, in an image's middle; contrast."""
     pitch = lattice.pitch[1]
     height, width = (min(length, MIDDLE) for length in image.shape)
     top, left = (image.shape[0] - height) // 2, (image.shape[1] - width) // 2
@@ -262,14 +252,14 @@ def _white_image(path: Path, options: ReadOptions, image: NDArray, image_path: P
 def _lattice(options: ReadOptions, light: NDArray, white: NDArray | None) -> Lattice:
     """The lattice: the options count first, then the white image, then the image itself."""
     if white is not None and options.calibration is not None and None in (options.pitch, options.offset):
-        return overridden(lenslet_search.lattice_of(white.mean(axis=2), options.calibration), options)
+        return overridden(lenslet_lattice.lattice_of(white.mean(axis=2), options.calibration), options)
     if options.pitch is None and (of_scene := _shown_lattice(_grey(light))) is not None:
         return overridden(of_scene, options)
     described = overridden(None, options)
     # An image with a whole pitch was cut by a tool: its first lenslet begins in the corner.
     if options.offset is not None or all(float(length).is_integer() for length in options.pitch or ()):
         return described
-    shown = lenslet_search.find_lattice(np.sqrt(np.maximum(_grey(light), 0)))
+    shown = lenslet_lattice.find_lattice(np.sqrt(np.maximum(_grey(light), 0)))
     return overridden(shown, options) if shown is not None and shown.agrees_with(described) else described
 
 

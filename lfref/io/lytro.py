@@ -24,7 +24,7 @@ from torch.nn import functional as F
 
 from lfref import encoding as encodings
 from lfref.errors import FileError, first_line
-from lfref.io import images, lenslet_lattice, lenslet_search, lenslets, lytro_files
+from lfref.io import images, lenslet_lattice, lenslets, lytro_files
 from lfref.io.lenslet_lattice import Lattice
 from lfref.io.lytro_files import RawImage, Record, unusable
 from lfref.io.samples import ROW_DISTANCES, ReadOptions, Samples
@@ -65,7 +65,9 @@ def decode_raw(path: Path, options: ReadOptions) -> Samples:
     keep_to_lenslets(colours, light, pattern, lattice)
     views = lenslets.sampled(colours, lattice, options, path)
     # The matrix mixes colours of one place, so that it may follow the sampling, which leaves fewer samples.
-    views = np.einsum("ij,vujhw->vuihw", colour_matrix(image.record), views).astype(np.float32)
+    names = [name for name in ("ccm", "ccmRgbToSrgbArray") if image.record.get("image", "color", name) is not None]
+    matrix = [image.record.number("image", "color", *(names[:1] or ["ccm"]), k) for k in range(9)]
+    views = np.einsum("ij,vujhw->vuihw", np.array(matrix, np.float32).reshape(3, 3), views).astype(np.float32)
     images.check_finite(views, path)  # gains of 0, or a white level at the black one, make infinity
     weight = None
     if white is not None:
@@ -100,13 +102,6 @@ class _White(NamedTuple):
     record: Record
     data: Callable[[], bytes]
 
-    def distance(self, record: Record) -> tuple[float, float, float]:
-        """Steps of zoom and of focus to the frame of a record, and the negative exposure time, for sorting."""
-        keys = ("devices", "lens", "zoomStep"), ("devices", "lens", "focusStep")
-        zoom, focus = (abs(self.record.number(*key) - record.number(*key)) for key in keys)
-        # The first camera took two exposures each; the darker one is noisy at the borders of lenslets.
-        return zoom, focus, -self.record.number("devices", "shutter", "frameExposureDuration", default=0)
-
 
 def read_white(path: Path, image: RawImage) -> RawImage:
     """The white image for a raw image: the file itself, or that of a calibration with the nearest zoom, then focus."""
@@ -116,7 +111,14 @@ def read_white(path: Path, image: RawImage) -> RawImage:
         raise images.damaged(path, first_line(error)) from error
     if not files and not path.is_dir():
         return lytro_files.read_raw(path)
-    nearest = min(_whites(files), key=lambda one: one.distance(image.record), default=None)
+
+    def distance(white: _White) -> tuple[float, float, float]:
+        lens, keys = ("devices", "lens"), ("zoomStep", "focusStep")
+        zoom, focus = (abs(white.record.number(*lens, key) - image.record.number(*lens, key)) for key in keys)
+        # The first camera took two exposures each; the darker one is noisy at the borders of lenslets.
+        return zoom, focus, -white.record.number("devices", "shutter", "frameExposureDuration", default=0)
+
+    nearest = min(_whites(files), key=distance, default=None)
     if nearest is None:
         raise FileError(f"{path} must hold white images of the camera of {image.path}", got="none", remedy=WHITE_REMEDY)
     name = path / PureWindowsPath(nearest.name).name
@@ -201,18 +203,8 @@ def balance(record: Record) -> dict[str, float]:
     return {key: gain / (min(gains.values()) or math.nan) for key, gain in gains.items()}
 
 
-def colour_matrix(record: Record) -> NDArray[np.float32]:
-    """Matrix from balanced colours of the camera to linear sRGB, [3, 3]; its rows sum to 1, so that white stays."""
-    names = [name for name in ("ccm", "ccmRgbToSrgbArray") if record.get("image", "color", name) is not None]
-    values = [record.number("image", "color", *(names[:1] or ["ccm"]), k) for k in range(9)]
-    return np.array(values, np.float32).reshape(3, 3)
-
-
 def demosaiced(light: NDArray[np.float32], pattern: Mosaic) -> NDArray[np.float32]:
-    """All colours at each pixel of a Bayer mosaic with even sides, by Malvar, He and Cutler, [H, W, 3].
-
-    Each colour is the mean of its neighbours, plus a share of the curvature of the colour that was measured there.
-    """
+    """All colours at each pixel of a Bayer mosaic with even sides, by Malvar, He and Cutler, [H, W, 3]."""
     centre = np.zeros((5, 5))
     centre[2, 2] = 8
     # Weights in eighths. Along `x` the missing colour has neighbours on the left and right, and not above and below.
@@ -308,7 +300,7 @@ def metadata_lattice(record: Record) -> Lattice:
 def _lattice(image: RawImage, picture: NDArray[np.float32], options: ReadOptions) -> Lattice:
     """The lattice of the record, refined by a picture [H, W] that shows it; the options count first."""
     nominal = metadata_lattice(image.record)
-    lattice = lenslet_search.refined(picture, nominal) or lenslet_search.find_lattice(picture)
+    lattice = lenslet_lattice.refined(picture, nominal) or lenslet_lattice.find_lattice(picture)
     if lattice is None or not lattice.agrees_with(nominal):
         log.warning("%s: lenslets hardly show; they are taken to be where the camera's record says", image.path.name)
         lattice = nominal

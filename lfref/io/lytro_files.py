@@ -27,6 +27,7 @@ MAGIC = b"\x89LFP\r\n\x1a\n"
 """First bytes of a container; a version follows."""
 BARE = ".raw"
 """Suffix of files that hold nothing but the samples of a raw image."""
+SUFFIXES = ".lfp", ".lfr", BARE
 HEADER, SECTION_HEADER, PADDING = 16, 96, 16
 """Bytes of the file's header, of a section's header, and the unit to which sections are padded."""
 CONTENTS, DATA = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
@@ -39,7 +40,6 @@ REFOCUS_STACK = "com.lytro.acceleration.refocusStack"
 LARGEST = 1e30
 """Bound of all numbers in JSON: products of two of them fit into float64."""
 MAX_DEPTH = 8
-"""Deepest nesting of JSON to follow."""
 
 
 def unusable(path: Path, what: str, got: object) -> FileError:
@@ -101,7 +101,6 @@ class Container:
 
     path: Path
     contents: Record
-    """The table of contents."""
     sections: Mapping[str, tuple[int, int]]
     """SHA-1, such as `sha1-0a...`, of a section -> position and number of its bytes."""
 
@@ -253,7 +252,6 @@ class FocalStack(NamedTuple):
     """Refocused pictures that Lytro's software made."""
 
     pictures: NDArray[np.uint8]
-    """Pictures in sRGB, [N, H, W, 3]."""
     lambdas: tuple[float, ...]
     """Focus of each picture: Lytro's depth parameter, 0 at the lenslets."""
     depth: NDArray[np.float32]
@@ -271,7 +269,12 @@ def read_focal_stack(path: Path) -> FocalStack:
         if block is None:
             pictures = [_decoded_jpeg(container.data(plane.get("imageRef"))) for plane in planes]
         else:
-            pictures = _decoded_video(container.data(block))
+            # An H.264 stream without a container, as version 2 of Lytro Desktop stores pictures.
+            with extras.needed("pictures in H.264"):
+                import av  # takes a third of a second to import
+
+            with av.open(io.BytesIO(container.data(block)), "r", format="h264") as stream:
+                pictures = [np.asarray(frame.to_ndarray(format="rgb24")) for frame in stream.decode(video=0)]
         stacked = np.stack([picture for picture, _ in zip(pictures, planes, strict=True)])
         width, height = (int(stack.number("depthLut", key)) for key in ("width", "height"))
         depth = np.frombuffer(container.data(stack.get("depthLut", "imageRef")), "<f4").reshape(height, width)
@@ -285,12 +288,3 @@ def _decoded_jpeg(data: bytes) -> NDArray[np.uint8]:
         file = Path(folder, "picture.jpg")
         file.write_bytes(data)
         return images.read_image(file)
-
-
-def _decoded_video(data: bytes) -> list[NDArray[np.uint8]]:
-    """The pictures of an H.264 stream without a container, as version 2 of Lytro Desktop stores them."""
-    with extras.needed("pictures in H.264"):
-        import av  # takes a third of a second to import
-
-    with av.open(io.BytesIO(data), "r", format="h264") as stream:
-        return [np.asarray(frame.to_ndarray(format="rgb24"), np.uint8) for frame in stream.decode(video=0)]

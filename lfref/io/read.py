@@ -1,26 +1,60 @@
 """Reading light fields and refocused stacks, in whatever format they are stored.
 
 The steps are: options -> format -> samples as stored -> light. A format needs only an entry of `FORMATS`.
+Positions of cameras off an even square grid are (v, u) in view steps from the angular centre, [V, U, 2]: by a CSV file
+with a line per view below the header `row,column,v,u`, in any unit and either direction, by the names of a Stanford
+gantry's views, or by the spacing of the grid.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
 
-from collections.abc import Callable, Sequence
+import configparser
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.errors import FileError, InputError
+from lfref.errors import FileError, InputError, first_line
 from lfref.geometry import FocalPlanes
-from lfref.io import arrays, cameras, exr, images, lenslets, lytro, lytro_files, metadata, video, view_folders
+from lfref.io import arrays, atomic, exr, images, lenslets, lytro, lytro_files, video, view_folders
 from lfref.io.samples import LENSLET, ReadOptions, Samples
 from lfref.lightfield import LightField
 
 VERSION = 1
 """Version of all that `read` returns, a part of cache keys; raise it when samples change."""
+PARAMETERS = {
+    "scene": ("meta", "scene", ""),
+    "focal length": ("intrinsics", "focal_length_mm", " mm"),
+    "f-number": ("intrinsics", "fstop", ""),
+    "sensor size": ("intrinsics", "sensor_size_mm", " mm"),
+    "baseline": ("extrinsics", "baseline_mm", " mm"),
+    "focus distance": ("extrinsics", "focus_distance_m", " m"),
+}
+"""Key of the metadata -> section and key of HCI's file, and unit."""
+EXIF = {
+    "exposure time": ("ExposureTime", "{:.3g} s"),
+    "f-number": ("FNumber", "{:.3g}"),
+    "focal length": ("Exif:FocalLength", "{:.4g} mm"),
+    "ISO": ("Exif:PhotographicSensitivity", "{:g}"),
+}
+"""Key of the metadata -> attribute of a picture (a number above 0), and the format of its text."""
+LYTRO_RECORD: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "camera": lambda frame: f"{frame['camera'].get('make', '')} {frame['camera'].get('model', '')}".strip(),
+    "exposure time": lambda frame: f"{float(frame['devices']['shutter']['frameExposureDuration']):.3g} s",
+    "f-number": lambda frame: f"{float(frame['devices']['lens']['fNumber']):.3g}",
+    "focal length": lambda frame: f"{1000 * float(frame['devices']['lens']['focalLength']):.4g} mm",
+    "ISO": lambda frame: f"{float(frame['devices']['sensor'].get('iso') or frame['image']['iso']):g}",
+    "date": lambda frame: str(frame["devices"]["clock"]["zuluTime"]),
+}
+"""Key of the metadata -> its text from the record of a Lytro frame."""
+EVEN = 1e-6
+"""Largest distance from the even grid, in view steps, that counts as rounding."""
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
 
 
@@ -45,10 +79,8 @@ LENSLETS = Format(
     lenslets.decode_lenslets,
 )
 EXR = Format("exr", *images.FORMATS["exr"], exr.decode_views, exr.holds_views)
-ARRAY_SUFFIXES = ".npy", ".npz", ".mat", ".h5", ".hdf5"
-ARRAY = Format("array", tuple(arrays.OPENERS), ARRAY_SUFFIXES, arrays.decode_array, arrays.holds_views)
-LYTRO_SUFFIXES = ".lfp", ".lfr", lytro_files.BARE
-LYTRO = Format("lytro", (lytro_files.MAGIC,), LYTRO_SUFFIXES, lytro.decode_raw, lytro_files.is_raw)
+ARRAY = Format("array", tuple(arrays.OPENERS), arrays.SUFFIXES, arrays.decode_array, arrays.holds_views)
+LYTRO = Format("lytro", (lytro_files.MAGIC,), lytro_files.SUFFIXES, lytro.decode_raw, lytro_files.is_raw)
 # A film, or a JPEG, in a folder may be anything: they are read only if they are named.
 FILM = Format("film", video.MAGICS, (), video.decode_film)
 FORMATS = LENSLETS, EXR, ARRAY, LYTRO, FILM
@@ -147,7 +179,7 @@ def read(
         axes: Axes of an array, such as `vuhwc`: view row and column, pixel row and column, channel, or `n` for views
             row by row; None: by the shape of the array, if only one order fits.
         variable: Name of the array in a file of several; None: the only one that may be a light field, or `LF`.
-        positions: Positions of the cameras: a CSV file as `cameras` describes it, or `names`, those in the names of a
+        positions: Positions of the cameras: a CSV file below `row,column,v,u`, or `names`, those in the names of a
             Stanford gantry's files; None: an even grid.
         spacing: View steps from row to row and from column to column, both above 0, if they differ.
         encoding: Encoding of the samples: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB for
@@ -158,7 +190,7 @@ def read(
         in [0, 1], or beyond it if floating-point files are, or colours of raw files. Alpha becomes the weight, which is
         0 where views are missing. The name is that of the path without suffix. The metadata have `path`, `format`
         (`eslf`, `folder`, `exr`, `array`, `lytro`, `film`), `bits` (`8`, `16`, `float`), `encoding`, `missing` if views
-        are missing, `cut from` if `size` crops the views, and further entries from the files (see `metadata`).
+        are missing, `cut from` if `size` crops the views, and those of `read_metadata`.
 
     Example:
         >>> path = lfref.write("capture", lfref.LightField(torch.rand(3, 3, 3, 24, 32)))  # a folder of PNG views
@@ -176,7 +208,7 @@ def read(
     colours, weight, tone = samples
     colours, weight = colours[..., :rows, :columns], None if weight is None else weight[..., :rows, :columns]
     present = np.asarray(np.ones(colours.shape[:2], bool) if weight is None else weight.any(axis=(2, 3, 4)))
-    entries = metadata.read_metadata(path) | {"path": str(path), "format": form.name}
+    entries = read_metadata(path) | {"path": str(path), "format": form.name}
     entries |= {"bits": BITS[colours.dtype.name], "encoding": str(tone)}
     if not present.all():
         entries["missing"] = f"{(~present).sum()} of {present.size} views"
@@ -189,7 +221,7 @@ def read(
     def ordered(stored: NDArray) -> NDArray:
         return (stored.swapaxes(0, 1) if transpose else stored)[:: signs[0], :: signs[1]]
 
-    stood = cameras.camera_positions(path, options, present.T if transpose else present)
+    stood = camera_positions(path, options, present.T if transpose else present)
     return LightField(
         torch.from_numpy(images.decoded(ordered(colours), tone)),
         path.absolute().name if path.is_dir() else path.stem,
@@ -204,3 +236,117 @@ def read_stack(path: str | Path) -> tuple[Tensor, FocalPlanes]:
     """A refocused stack, float32, [N, C, H, W], and its planes, from an EXR file that `write_stack` wrote."""
     stack, planes = exr.read_planes(Path(path))
     return torch.from_numpy(images.to_float(stack)), planes
+
+
+def read_metadata(path: Path) -> dict[str, str]:
+    """Metadata in the files of a light field: keys of the tables, `lens`, and `slopes`; damaged ones are left out."""
+    entries: dict[str, str] = {}
+    for source in (_lytro, _exif, _hci):
+        # Libraries raise all kinds of errors for damaged metadata.
+        with suppress(Exception):
+            entries |= source(path)
+    return entries
+
+
+def _exif(path: Path) -> dict[str, str]:
+    """Metadata of the first picture."""
+    files = view_folders.image_files(path) if path.is_dir() else [path]
+    with images.open_image(files[0]) as source:
+        attributes = {item.name: item.value for item in source.spec().extra_attribs}
+
+    def text(name: str) -> str:
+        return str(attributes.get(name, "")).strip()
+
+    # Many models repeat the make.
+    entries = {"camera": " ".join(dict.fromkeys((text("Make"), text("Model")))).strip()}
+    entries |= {"lens": text("Exif:LensModel"), "date": text("Exif:DateTimeOriginal")}
+    for name, (attribute, form) in EXIF.items():
+        value = attributes.get(attribute)
+        if isinstance(value, int | float) and value > 0:
+            entries[name] = form.format(float(value))
+    return {name: value for name, value in entries.items() if value}
+
+
+def _lytro(path: Path) -> dict[str, str]:
+    """Metadata in a raw file of a Lytro camera."""
+    frame, entries = lytro_files.frame_record(path).entries if lytro_files.is_raw(path) else {}, {}
+    for name, text in LYTRO_RECORD.items():
+        with suppress(KeyError, TypeError, ValueError):
+            if value := text(frame):
+                entries[name] = value
+    return entries
+
+
+def _hci(folder: Path) -> dict[str, str]:
+    """Metadata in the `parameters.cfg` of the HCI benchmark; `slopes` are its disparities with our sign."""
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.read(folder / "parameters.cfg", "utf-8")
+    entries = {
+        name: parser[section][key] + unit for name, (section, key, unit) in PARAMETERS.items() if key in parser[section]
+    }
+    low, high = (-float(parser["meta"][key]) for key in ("disp_max", "disp_min"))
+    return entries | {"slopes": f"{low:g} {high:g}"}
+
+
+def camera_positions(path: Path, options: ReadOptions, present: NDArray[np.bool_]) -> NDArray[np.float64] | None:
+    """Positions by the options; None for an even square grid. `present` says which views exist, after `transpose`."""
+    if options.positions is None:
+        spacing = options.spacing or (1, 1)
+        return None if spacing == (1, 1) else even_positions(present.shape, spacing)
+    if options.positions == "names":
+        chosen, source = view_folders.positions_in_names(path, options), f"the names in {path}"
+    else:
+        listed, source = read_positions(options.positions), str(options.positions)
+        shape = present.T.shape if options.transpose else present.shape
+        chosen = listed[replace(options, angular_size=shape).window(listed.shape[:2], Path(source))]
+    return normalised(chosen.swapaxes(0, 1) if options.transpose else chosen, present, source)
+
+
+def even_positions(shape: Sequence[int], spacing: Sequence[float] = (1.0, 1.0)) -> NDArray[np.float64]:
+    """Positions (v, u) of the views of an even grid from its centre, in view steps, [V, U, 2]."""
+    rows, columns = ((np.arange(n) - (n - 1) / 2) * step for n, step in zip(shape, spacing, strict=True))
+    return np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
+
+
+def read_positions(path: str | Path) -> NDArray[np.float64]:
+    """The positions (v, u) in a CSV file as written, NaN for views that are left out, [V, U, 2]."""
+    path = Path(path)
+    try:
+        with atomic.file_errors(path, "read"), path.open(encoding="utf-8-sig", newline="") as file:
+            table = list(csv.DictReader(file, skipinitialspace=True))
+        cells = [(int(record["row"]), int(record["column"])) for record in table]
+        rows, columns = (sorted(set(numbers)) for numbers in zip(*cells, strict=True))
+        positions = np.full((len(rows), len(columns), 2), np.nan)
+        for (row, column), record in zip(cells, table, strict=True):
+            positions[rows.index(row), columns.index(column)] = float(record["v"]), float(record["u"])
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        got = f"no {error}" if isinstance(error, KeyError) else first_line(error)
+        remedy = "write a line row,column,v,u for each view under such a header"
+        raise FileError(f"{path} must hold positions of cameras", got=got, remedy=remedy) from error
+    return positions
+
+
+def normalised(listed: NDArray[np.float64], present: NDArray[np.bool_], source: str) -> NDArray[np.float64] | None:
+    """Positions in view steps from the angular centre, of those in any unit; None if they are even.
+
+    The nearest even grid sets the centre (its middle is 0), the unit (its mean step is 1) and the signs (positions grow
+    with rows and columns). Missing views get the positions of the even grid.
+    """
+    if not np.isfinite(listed[present]).all():
+        row, column = np.argwhere(present & ~np.isfinite(listed).all(axis=2))[0]
+        raise InputError(f"{source} must say where each camera stood", got=f"none at row {row}, column {column}")
+    offsets = even_positions(listed.shape[:2])
+    # Least squares for each step alone also work for views on a diagonal: steps[along rows or columns, of v or u].
+    from_mean = offsets[present] - offsets[present].mean(axis=0)
+    squares = (from_mean**2).sum(axis=0)[:, None]
+    steps = np.divide(from_mean.T @ listed[present], squares, out=np.zeros((2, 2)), where=squares > 0)
+    step = np.diagonal(steps)
+    is_along = (abs(step) >= abs(np.diagonal(steps[::-1]))) & (step != 0)
+    if not all(is_along[axis] or listed.shape[axis] == 1 for axis in (0, 1)):
+        got, remedy = f"steps {steps.tolist()}", "set reader.transpose=true (or false), or exchange v and u in it"
+        raise InputError(f"{source} must let v grow with rows, and u with columns", got=got, remedy=remedy)
+    centre = listed[present].mean(axis=0) - step * offsets[present].mean(axis=0)
+    unit = np.mean(np.abs(step[step != 0])) if step.any() else 1.0
+    values = (listed - centre) * np.where(step < 0, -1, 1) / unit
+    values = np.where(present[..., None], values, offsets)
+    return None if np.allclose(values, offsets, rtol=0, atol=EVEN) else values

@@ -41,7 +41,6 @@ class Samples(NamedTuple):
     weight: NDArray | None
     """Trust in each sample, uint8, uint16 or float32, [V, U, 1, H, W]; None: 1 everywhere."""
     encoding: Encoding
-    """Encoding of the colours."""
 
 
 def split_weight(samples: NDArray, axis: int = -1) -> tuple[NDArray, NDArray | None]:
@@ -69,7 +68,6 @@ class ReadOptions:
     offset: Pair | None = None
     rotation: float | None = None
     lattice: str | None = None
-    """A key of `ROW_DISTANCES`."""
     calibration: Path | None = None
     size: Cell | None = None
     grid: Cell | None = None
@@ -139,8 +137,7 @@ def cell_of(number: int, n_columns: int, is_serpentine: bool = False) -> Cell:
 def check_holes(cells: Iterable[Cell], shape: Cell, path: Path, allowed: bool | None) -> None:
     """Refuse a grid whose views are missing by accident, unless holes are `allowed`; None: if they seem intended.
 
-    Crosses, diagonals and grids without corners are intended: they are the same after half a turn, and an incomplete
-    copy hardly ever is.
+    Intended are crosses, diagonals, grids without corners: the same after half a turn, as hardly any incomplete copy.
     """
     (rows, columns), present = shape, set(cells)
     n_holes = rows * columns - len(present)
@@ -158,10 +155,7 @@ def check_holes(cells: Iterable[Cell], shape: Cell, path: Path, allowed: bool | 
 def gather(
     cells: Mapping[Cell, Source], window: tuple[slice, slice], load: Callable[[Source], NDArray]
 ) -> tuple[NDArray, NDArray | None]:
-    """Colours [V, U, C, H, W] and weight [V, U, 1, H, W] of the views in a window, each loaded as [H, W, C].
-
-    A missing view has weight 0, and holds the mean of the others.
-    """
+    """Colours [V, U, C, H, W] and weight of the views in a window, each loaded as [H, W, C]; 0 where one is missing."""
     shape = window[0].stop - window[0].start, window[1].stop - window[1].start
     is_present = np.zeros(shape, bool)
     whole = np.zeros(0)
@@ -176,9 +170,8 @@ def gather(
             raise FileError(f"{source} must be like the views before it", got=got, remedy="all views must be alike")
         whole[row, column], is_present[row, column] = view, True
     if not is_present.any():
-        raise FileError(
-            f"the {shape[0]}x{shape[1]} views to keep must be there", got="none", remedy="set reader.angular_size"
-        )
+        expected = f"the {shape[0]}x{shape[1]} views to keep must be there"
+        raise FileError(expected, got="none", remedy="set reader.angular_size")
     colours, weight = split_weight(whole.transpose(0, 1, 4, 2, 3), axis=2)
     if not is_present.all():
         if weight is None:

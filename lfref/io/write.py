@@ -63,10 +63,7 @@ def write_stack(
     encoding: Encoding = encodings.SRGB,
     overwrite: bool = False,
 ) -> Path:
-    """Write a refocused stack [N, C, H, W], C 1 or 3, as EXR, which `read_stack` reads, or as a folder of pictures.
-
-    Arguments are those of `write` and `write_pictures`; EXR files hold the stack as it is.
-    """
+    """Write a refocused stack [N, C, H, W], C 1 or 3, as an EXR file, as it is, or as a folder of pictures."""
     path = Path(path)
     _check(path, stack, overwrite)
     samples = (stack if path.suffix else encoding.encode(stack)).detach().to("cpu", torch.float32).numpy()

@@ -77,8 +77,7 @@ class WideConv2d(nn.Conv2d):
 class StemConv2d(nn.Conv2d):
     """The first convolution: its bias and result stay in the type of the bias under autocast.
 
-    It reads so many colours apart, by the same weights. Its channels are (view, colour, pixel of a coarse one);
-    `inner` is the number of these pixels, r^2.
+    It reads colours apart by the same weights; channels are (view, colour, pixel of a coarse one, `inner` of them).
     """
 
     def __init__(self, samples: int, filters: int, kernel: int, colours: int = 1, inner: int = 1) -> None:

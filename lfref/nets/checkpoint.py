@@ -19,7 +19,6 @@ from lfref.nets.network import Network
 from lfref.nets.refnet import RefNet
 
 NETWORKS: dict[str, type[Network]] = {RefNet.name: RefNet}
-"""Networks of ours that checkpoints may hold, by name."""
 FORMAT = 2
 Module = TypeVar("Module", bound=nn.Module)
 PREFIX = "net."
@@ -38,11 +37,8 @@ def payload(network: Network, planes: FocalPlanes, is_linear: bool = True) -> di
 def check_number(network: Network, planes: FocalPlanes) -> None:
     """Raise an InputError if a network does not make as many planes as there are in `planes`."""
     if network.n_planes not in (None, len(planes)):
-        raise InputError(
-            f"the network must make as many planes as there are ({len(planes)})",
-            got=network.n_planes,
-            remedy=f"set net.n_planes={len(planes)}",
-        )
+        expected, remedy = f"the network must make {len(planes)} planes", f"set net.n_planes={len(planes)}"
+        raise InputError(expected, got=network.n_planes, remedy=remedy)
 
 
 def save(path: str | Path, network: Network, planes: FocalPlanes) -> None:
@@ -66,9 +62,8 @@ def read(path: str | Path) -> dict[str, Any]:
         contents: Any = metadata | {"state_dict": state}
     else:
         contents = tensor_files.read_checkpoint(Path(path))
-    if not isinstance(contents, dict) or not all(
-        isinstance(contents.get(key), dict) for key in ("lfref", "state_dict")
-    ):
+    parts = [contents.get(key) for key in ("lfref", "state_dict")] if isinstance(contents, dict) else [None]
+    if not all(isinstance(part, dict) for part in parts):
         raise CheckpointError(f"{path} was not written by lfref", remedy="give the .ckpt file of an lfref run")
     return contents
 
@@ -76,10 +71,7 @@ def read(path: str | Path) -> dict[str, Any]:
 def restored(
     path: str | Path, contents: Mapping[str, Any], net: type[Network] | None = None
 ) -> tuple[Network, FocalPlanes]:
-    """The network of a checkpoint, on the CPU, and its planes, from what `read` returned; errors name `path`.
-
-    `net` is the class of a network that is not one of ours.
-    """
+    """The network of a checkpoint (of class `net`, if it is not one of ours) and its planes; errors name `path`."""
     entry = contents["lfref"]
     if entry.get("format") != FORMAT:
         raise CheckpointError(f"{path} must have format {FORMAT}", got=entry.get("format"), remedy="update lfref")
@@ -102,10 +94,7 @@ def restored(
 
 
 def built(path: str | Path, kind: type[Module], arguments: Mapping[str, Any], state: Mapping[str, Any]) -> Module:
-    """The network of a checkpoint, of this class and with these arguments, and with its weights; errors name `path`.
-
-    The arguments are hostile input: first the network is built without memory, and compared with the weights.
-    """
+    """The network of a class with these arguments, which may be hostile, and its weights; errors name `path`."""
     weights = network_weights(path, state)
     # Networks of other packages may need memory to be built; the user trusts these packages.
     if kind.__module__.startswith("lfref."):

@@ -68,10 +68,7 @@ def one_process(value: Tensor) -> Tensor:
 def ridge_regression(
     pairs: Iterable[tuple[Tensor, Tensor]], total: Total = one_process
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Weights [K, F] and bias [K] of the best linear prediction of labels; covariance [F, F] of the features.
-
-    `pairs` are features [B, F, H, W] and labels [B, K, H, W]; `total` adds up a tensor over all processes.
-    """
+    """Weights [K, F] and bias [K] of labels [B, K, H, W] by ridge regression; covariance of features [F, F]."""
     sums: list[Tensor] = []
     for features, labels in pairs:
         rows = [each.movedim(1, -1).flatten(0, -2) for each in (features, labels)]
@@ -107,13 +104,6 @@ def for_all_colours(matrix: Tensor, channels: int, inner: tuple[int, int]) -> Te
     return apart.flatten(3).flatten(0, 2)
 
 
-def kept_directions(predicted: Tensor, count: int) -> Tensor:
-    """Directions of one colour's labels that `count` filters carry, [K, min(K, count)]: all, or the principal ones."""
-    if count >= len(predicted):
-        return torch.eye(len(predicted)).to(predicted)
-    return torch.linalg.eigh(predicted).eigenvectors[:, -count:]
-
-
 def set_stem(stem: nn.Conv2d, weights: Tensor, bias: Tensor, directions: Tensor) -> None:
     """Step 1: the first filters carry directions [N C r^2, K] of the predicted labels (of one colour, if apart)."""
     low, span = directions.clamp(max=0).sum(0), directions.abs().sum(0)
@@ -141,14 +131,6 @@ def decoder(first: nn.Conv2d, directions: Tensor) -> tuple[Tensor, Tensor]:
     middle = first.kernel_size[0] // 2
     weights[:, : directions.shape[1], middle, middle] = directions * span / GAIN
     return weights.flatten(1), directions @ (low - BASE * span / GAIN)
-
-
-def set_head(first: nn.Conv2d, last: nn.Conv2d, weights: Tensor, bias: Tensor) -> None:
-    """Step 3 of the linear start: the first convolution predicts the labels and OFFSET, the last one takes it off."""
-    first.weight.copy_(weights.reshape(first.weight.shape))
-    _bias(first).copy_(bias + OFFSET)
-    nn.init.dirac_(last.weight)
-    _bias(last).fill_(-OFFSET)
 
 
 def edge_gains(pairs: Iterable[tuple[Tensor, Tensor]], gains: Tensor, total: Total = one_process) -> Tensor:

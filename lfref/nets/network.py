@@ -13,7 +13,6 @@ class Network(nn.Module, abc.ABC):
     """Views [..., V, U, C, H, W] and slopes [N] -> stack [..., N, C, H, W]."""
 
     name: ClassVar[str]
-    """Name of this kind of network in checkpoints."""
     config: dict[str, Any]
     """The arguments that build this network again, in plain containers."""
     n_planes: int | None
@@ -23,16 +22,10 @@ class Network(nn.Module, abc.ABC):
 
     @abc.abstractmethod
     def forward(self, views: Tensor, slopes: Tensor | None = None) -> Tensor:
-        """Refocus views [..., V, U, C, H, W], radiance in the type of the weights, to a stack [..., N, C, H, W].
-
-        A network with fixed planes needs no slopes.
-        """
+        """Refocus views [..., V, U, C, H, W] to a stack [..., N, C, H, W]; fixed planes need no slopes."""
 
     def initialize(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
-        """Start the weights on crops [B, V, U, C, H, W] and labels, in place; by default nothing changes.
-
-        `total` adds up a tensor over all processes, which hold other crops.
-        """
+        """Start the weights on crops [B, V, U, C, H, W] and labels, in place; `total` adds up over all processes."""
 
     def ends(self) -> Iterable[nn.Parameter]:
         """Parameters of the first and last layers, which learn at `end_rate` of the rate; none by default."""

@@ -40,17 +40,7 @@ class RefinerBlock(nn.Module):
 
 
 class Refiner(nn.Module):
-    """Features, pictures and error scale -> better pictures.
-
-    Args:
-        n_features: Channels of features, K.
-        n_candidates: Number of candidates, C channels each, at the start of the features.
-        channels: Channels of the pictures, C.
-        width: Channels of the blocks.
-        n_blocks: Pairs of convolutions.
-        shuffle: Pixels along the side of a coarse pixel, r.
-        kernel: Side of the convolutions, odd.
-        activation: A key of `ACTIVATIONS`.
+    """Features, pictures and error scale -> better pictures; arguments are those of `conf/net/refiner.yaml`.
 
     Example:
         >>> features, pictures, error_scale = torch.rand(2, 11, 16, 17).split([7, 3, 1], dim=1)

@@ -25,10 +25,8 @@ from lfref.nets.initialization import Total, one_process
 from lfref.nets.network import Network
 
 PAPER_WIDTHS = (512,) * 6 + (384,) + (256,) * 4
-LINEAR, RANDOM = "linear", "random"
-INITIALIZATIONS = LINEAR, RANDOM
-ZEROS, RENORMALIZE = "zeros", "renormalize"
-PADDINGS = ZEROS, RENORMALIZE
+INITIALIZATIONS = "linear", "random"
+PADDINGS = "zeros", "renormalize"
 STEM_PIXELS, HEAD_PIXELS = 1 << 14, 1 << 16
 """Pixels of crops from which the linear start computes stem and head, evenly drawn where there are more."""
 START_BORDER = 4
@@ -61,9 +59,6 @@ class RefNet(Network):
             paper's) leaves it as it is.
         initialization: `linear` (`lfref.nets.initialization`) or `random` (the paper's), once a training begins.
 
-    Raises:
-        InputError: An option from which no network can be built.
-
     Example:
         >>> RefNet(n_planes=2, grid=(3, 3), widths=(8,), stem_width=8)(torch.rand(3, 3, 3, 16, 16)).shape
         torch.Size([2, 3, 16, 16])
@@ -88,8 +83,8 @@ class RefNet(Network):
         shuffle: int = 1,
         kernel: int = 3,
         dilation: int | Sequence[int] = 1,
-        padding: str = RENORMALIZE,
-        initialization: str = LINEAR,
+        padding: str = "renormalize",
+        initialization: str = "linear",
     ) -> None:
         config = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
         super().__init__()
@@ -129,7 +124,7 @@ class RefNet(Network):
         self.head = WideConv2d(outputs, outputs, head_kernel, padding=head_kernel // 2)
         # One place for each row and column from which the stem reads beyond the frame, and one for all others.
         places = 2 * (stem_kernel // 2) + 1
-        self.gains = nn.Parameter(torch.ones(outputs, places, places)) if padding == RENORMALIZE else None
+        self.gains = nn.Parameter(torch.ones(outputs, places, places)) if padding == "renormalize" else None
 
     def features(self, views: Tensor) -> Tensor:
         """Input of the last convolution: views [..., V, U, C, H, W] -> [B, N C r^2, H / r, W / r], rounded up."""
@@ -137,11 +132,9 @@ class RefNet(Network):
         expected = (*self.config["grid"], self.config["channels"])
         if tuple(views.shape[-5:-2]) != expected:
             grid = f"[{expected[0]},{expected[1]}]"
-            raise InputError(
-                f"this network reads views [..., {', '.join(map(str, expected))}, H, W]",
-                got=f"shape {list(views.shape)}",
-                remedy=f"set reader.angular_size={grid}, or scene.camera.grid={grid} for simulated scenes",
-            )
+            reads, got = f"this network reads views [..., {', '.join(map(str, expected))}, H, W]", list(views.shape)
+            remedy = f"set reader.angular_size={grid}, or scene.camera.grid={grid} for simulated scenes"
+            raise InputError(reads, got=f"shape {got}", remedy=remedy)
         # Padding grows with the dilation: without a limit, a small file could ask for any amount of memory.
         if self.reach > max(views.shape[-2:]):
             raise InputError("blocks must reach no farther than the picture", got=f"{self.reach} pixels")
@@ -162,7 +155,7 @@ class RefNet(Network):
     def initialize(self, views: Tensor, slopes: Tensor | None, labels: Tensor, total: Total = one_process) -> None:
         """Start the weights on crops: see `lfref.nets.initialization`."""
         targets = self._coarse(labels.flatten(1, 2))
-        if self.config["initialization"] == RANDOM:
+        if self.config["initialization"] == "random":
             initialization.scale_outputs(self.head, self.features(views), targets, total)
             return
         stem, *_, first = (layer for layer in self.trunk if isinstance(layer, nn.Conv2d))
@@ -175,7 +168,13 @@ class RefNet(Network):
             for read, target in self._pairs(first, self.trunk[:-2], views, targets, HEAD_PIXELS)
         )
         weights, bias, _ = initialization.ridge_regression(rest, total)
-        initialization.set_head(first, self.head, decoder + weights, offset + bias)
+        # The first convolution predicts the labels and OFFSET, the last one takes it off.
+        first.weight.copy_((decoder + weights).reshape(first.weight.shape))
+        nn.init.dirac_(self.head.weight)
+        assert first.bias is not None
+        assert self.head.bias is not None
+        first.bias.copy_(offset + bias + initialization.OFFSET)
+        self.head.bias.fill_(-initialization.OFFSET)
         if self.gains is not None:
             crops = zip(views.split(1), targets.split(1), strict=True)
             of_crops = ((self._outputs(crop), target) for crop, target in crops)
@@ -191,7 +190,10 @@ class RefNet(Network):
         )
         weights, bias, covariance = initialization.ridge_regression(by_colour, total)
         half = max(1, min(self.config["stem_width"], *self.config["widths"]) // 2)
-        of_one = initialization.kept_directions(weights @ covariance @ weights.T, max(1, half // n_colours))
+        # All directions of one colour's labels, or the principal ones that the filters can carry.
+        predicted, n_kept = weights @ covariance @ weights.T, max(1, half // n_colours)
+        principal = torch.linalg.eigh(predicted).eigenvectors[:, -n_kept:]
+        of_one = principal if n_kept < len(predicted) else torch.eye(len(predicted)).to(predicted)
         directions = initialization.for_all_colours(of_one, n_colours, (n_inner, 1))[:, :half]
         if self.config["stem_by_colour"]:
             initialization.set_stem(stem, weights, bias, of_one)

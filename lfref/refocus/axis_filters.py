@@ -25,7 +25,7 @@ from torch import Tensor
 
 from lfref import geometry
 from lfref.functional import fourier, positive_definite
-from lfref.functional.devices import on_host
+from lfref.functional.devices import on_device, on_host
 
 DECAY = 2.5
 """Power falls with frequency to this power: 3 for edges alone, 2 for fine grain."""
@@ -87,7 +87,7 @@ def readings(turns: Tensor, n_views: int) -> Tensor:
 
 def counts(n_views: int, device: torch.device | None = None) -> Tensor:
     """Squared length of each reading: 2 for pairs, 1 for the central view, float64, [I]."""
-    return 1.0 + (torch.arange(n_views, device=device) < n_views - n_views % 2).double()
+    return on_device(1.0 + (torch.arange(n_views) < n_views - n_views % 2).double(), device or torch.device("cpu"))
 
 
 def tables(spectrum: AxisSpectrum, disparities: Tensor, slopes: Tensor, weights: Tensor, period: int) -> AxisEquations:

@@ -141,8 +141,10 @@ def flattened(views: Tensor) -> Tensor:
     return views.reshape(-1, *views.shape[-5:])
 
 
-def restored(stacks: Tensor, views: Tensor) -> Tensor:
+def restored(stacks: Tensor | list[Tensor], views: Tensor) -> Tensor:
     """Stacks [B, N, C, H, W] of `flattened(views)` with the batch dimensions and `stack_dtype` of the views."""
+    if isinstance(stacks, list):  # a single one is not copied
+        stacks = torch.stack(stacks) if len(stacks) > 1 else stacks[0][None]
     return stacks.reshape(*views.shape[:-5], *stacks.shape[1:]).to(stack_dtype(views))
 
 
@@ -171,6 +173,7 @@ class Lines(NamedTuple):
         return len(self.rows), self.columns.shape[1]
 
     @property
+    @on_host
     def extent(self) -> tuple[float, float]:
         """The even grid (V, U) that reaches as far, which need not be whole."""
         rows, columns = (1 + 2 * float(offsets.abs().max()) for offsets in self)

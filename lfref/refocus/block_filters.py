@@ -23,7 +23,7 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.functional import loops, neighbours
-from lfref.functional.devices import at_most, is_known, on_device
+from lfref.functional.devices import is_known, length_within, on_device
 from lfref.functional.loops import LANES
 from lfref.refocus import axis_filters, batches
 from lfref.refocus.axis_filters import AxisSpectrum
@@ -51,6 +51,8 @@ PERIOD = 48
 NEAR, FADE = 1.0, 0.3
 """Distance of a plane from the disparities of a block, in pixels per view step, from which views are filtered alike
 everywhere, and the range before it over which the block's filters fade: blur hides aliases from about 1 on."""
+APART = 8
+"""Pixels that the planes of a block are read apart, at most, to be filtered together on a processor."""
 REACH = (5.0, 7.0)
 """Distances in pixels between the first and the last pixel that a filter must read: from the first one on it fades out,
 from the second one on it is not used."""
@@ -58,7 +60,7 @@ FLOOR = 0.05
 """Least power of a pixel, of the mean: what is smooth has hardly any disparity."""
 MOST_DISPARITIES = 1024
 """Largest number of disparities that the priors of a field have: beyond it their distance grows."""
-FILTERS_AT_ONCE, ITEMS_AT_ONCE, ITEMS_OF_GPU = 3584, 32, 4096
+FILTERS_AT_ONCE, ITEMS_AT_ONCE, ITEMS_OF_GPU = 3584, 32, 16384
 """Blocks times views of an axis whose filters are solved for together, and items that PyTorch filters together, on the
 CPU and elsewhere."""
 
@@ -122,19 +124,20 @@ def refocus_by_blocks(
         ]
         for _, of_axis in axes
     ]
-    # Where the host does not know which planes are near a block, all are filtered.
-    is_countable = is_known(nearness)
-    n_blocks = nearness.shape[1]
+    n_planes, n_blocks = nearness.shape
     every = torch.arange(n_blocks, device=field.device)
-    some = (nearness > 0).any(0).nonzero()[:, 0] if is_countable else every
-    pictures = field.new_zeros(len(planes), n_blocks, n_channels, BLOCK, BLOCK)
-    for blocks in some.split(max(1, FILTERS_AT_ONCE // max(lengths)) if is_countable else n_blocks):
+    parts = (every,)
+    if is_known(nearness):
+        some = (nearness > 0).any(0).nonzero()[:, 0]
+        parts = some.split(max(1, FILTERS_AT_ONCE // max(lengths)))
+    pictures = field.new_zeros(n_planes * n_blocks, n_channels, BLOCK, BLOCK)
+    for blocks in parts:
         # Block by block: its views stay in the processor's caches.
-        if is_countable:
-            b, n = (nearness[:, blocks] > 0).T.nonzero(as_tuple=True)
-        else:
-            item = torch.arange(n_blocks * len(planes), device=field.device)
-            b, n = item // len(planes), item % len(planes)
+        if is_known(nearness) or torch.compiler.is_exporting():
+            b, n = (nearness[:, blocks] > 0).T.nonzero().unbind(1)
+        else:  # the host would wait for the number of those that are near
+            item = torch.arange(n_blocks * n_planes, device=field.device)
+            b, n = item // n_planes, item % n_planes
         # Taps lie around the middle of all that is read: pixels in focus, and those at the disparities of the block.
         lowest, highest = low[blocks].minimum(planes[:, None]), high[blocks].maximum(planes[:, None])
         shifts = ((lowest + highest) / 2)[n, b, None]
@@ -148,14 +151,15 @@ def refocus_by_blocks(
         if is_same:
             centres, taps = 2 * centres, 2 * taps
         index = blocks[b]
-        corners = BLOCK * torch.stack([index // counts[1], index % counts[1]], 1)
+        block_row = index // counts[1]
+        corners = BLOCK * torch.stack([block_row, index - block_row * counts[1]], 1)
         items = Items(corners, *centres, *(of_axis.to(field.dtype) for of_axis in taps))
-        pictures[n, index] = filtered(field, items)
-    grid = pictures.unflatten(1, counts).permute(0, 3, 1, 4, 2, 5)
-    stack = grid.reshape(len(pictures), n_channels, BLOCK * counts[0], BLOCK * counts[1])[..., :height, :width]
-    spread = nearness.to(field).unflatten(1, counts)[:, None]
-    spread = spread.repeat_interleave(BLOCK, 2).repeat_interleave(BLOCK, 3)[..., :height, :width]
-    return stack, spread
+        pictures[n * n_blocks + index] = filtered(field, items)
+    grid = pictures.reshape(n_planes, *counts, n_channels, BLOCK, BLOCK).permute(0, 3, 1, 4, 2, 5)
+    stack = grid.reshape(n_planes, n_channels, BLOCK * counts[0], BLOCK * counts[1])
+    spread = nearness.to(field).reshape(n_planes, 1, *counts)
+    spread = spread.repeat_interleave(BLOCK, 2).repeat_interleave(BLOCK, 3)
+    return stack.narrow(2, 0, height).narrow(3, 0, width), spread.narrow(2, 0, height).narrow(3, 0, width)
 
 
 def _taps(filters: Tensor, centres: Tensor) -> Tensor:
@@ -171,22 +175,14 @@ def _taps(filters: Tensor, centres: Tensor) -> Tensor:
 def block_priors(disparity: Tensor, power: Tensor, prior: Energies, widest: float) -> Priors:
     """Priors of the blocks of a disparity map [H, W], row by row: disparities in and around each, and the whole field's
     prior, for light that the map does not show. All disparities are at most `widest` apart."""
-    disparity = disparity.detach().double()
-    below, right = (-length % BLOCK + AROUND for length in disparity.shape)
-    padded, padded_power = (
-        F.pad(image[None, None], (AROUND, right, AROUND, below), mode="replicate")
-        for image in (disparity, power.detach().double())
-    )
-    window = BLOCK + 2 * AROUND
-    around = F.unfold(padded, window, stride=BLOCK)[0].T  # [B, pixels]
+    around, weights = (_windows(image.detach().double()) for image in (disparity, power))
     low, high = around.amin(1), around.amax(1)
     first = torch.minimum(low.amin(0), prior.disparities[0])
     last = torch.maximum(high.amax(0), torch.where(prior.shares > 0, prior.disparities, first).amax(0))
     step = ((last - first) / MOST_DISPARITIES).clamp(min=STEP)
     most = min(math.ceil(widest / STEP), MOST_DISPARITIES) + 4
-    n_disparities = at_most(((last - first) / step).ceil() + 4, most)
+    n_disparities = length_within(((last - first) / step).ceil() + 4, most)
     disparities = first + step * (torch.arange(n_disparities, dtype=torch.float64, device=disparity.device) - 1)
-    weights = F.unfold(padded_power, window, stride=BLOCK)[0].T
     counted = _counted(around, weights, disparities)
     # Maps are not exact: a disparity is likely beside those that were found, too.
     beside = F.pad(counted, (1, 1))
@@ -203,6 +199,16 @@ def block_priors(disparity: Tensor, power: Tensor, prior: Energies, widest: floa
     return Priors(disparities, shares, torch.stack([low, high]))
 
 
+def _windows(image: Tensor) -> Tensor:
+    """The pixels in and around each block of an image [H, W], [B, pixels]; the outermost ones repeat."""
+    for length in image.shape:
+        starts = BLOCK * torch.arange((length + BLOCK - 1) // BLOCK, device=image.device)
+        pixels = starts[:, None] + torch.arange(BLOCK + 2 * AROUND, device=image.device) - AROUND
+        image = image.index_select(0, pixels.clamp(0, length - 1).flatten()).unflatten(0, pixels.shape)
+        image = image.movedim(2, 0)  # the other axis
+    return image.flatten(2).flatten(0, 1)
+
+
 def _steepness(central: Tensor) -> Tensor:
     """Power of the detail of each pixel of the middle view [H, W], with a floor, [H, W]."""
     power = neighbours.box_mean(cost_volume.steepness(central)[None, None], 3)[0, 0]
@@ -212,8 +218,8 @@ def _steepness(central: Tensor) -> Tensor:
 def _counted(values: Tensor, weights: Tensor, disparities: Tensor) -> Tensor:
     """Weights [B, P] of values [B, P], each shared by its two neighbours among even disparities [D], [B, D]."""
     places = (values - disparities[0]) / (disparities[1] - disparities[0])
-    under = places.floor().long().clamp(0, len(disparities) - 2)
-    counted = values.new_zeros(len(values), len(disparities))
+    under = places.floor().long().clamp(0, disparities.shape[0] - 2)
+    counted = values.new_zeros(values.shape[0], disparities.shape[0])
     counted.scatter_add_(1, under, weights * (1 - places + under))
     return counted.scatter_add_(1, under + 1, weights * (places - under))
 
@@ -239,31 +245,37 @@ def filtered(field: Tensor, items: Items) -> Tensor:
 
 def _by_torch(field: Tensor, items: Items) -> Tensor:
     """As `filtered`, with derivatives, and on a GPU: products with Toeplitz matrices of the taps."""
-    device, (height, width) = field.device, field.shape[-2:]
-    length = BLOCK + SPAN - 1
-    span, pixel = torch.arange(length, device=device) - SPAN // 2, torch.arange(BLOCK, device=device)
-    tap = torch.arange(SPAN, device=device)
-    toeplitz = (pixel + tap[:, None, None] == span[:, None] + SPAN // 2).to(field)  # [SPAN, length, BLOCK]
-    v, u = (torch.arange(n_views, device=device) for n_views in field.shape[:2])
-    parts = [field.new_zeros(0, field.shape[2], BLOCK, BLOCK)]
+    if torch.compiler.is_exporting():
+        return _some_by_torch(field, items)
     n_at_once = ITEMS_AT_ONCE if is_known(field) else ITEMS_OF_GPU
-    for corners, row_centres, column_centres, rows, columns in zip(
-        *(part.split(n_at_once) for part in items[:3]), *(part.split(n_at_once, 1) for part in items[3:]), strict=True
-    ):
-        y = ((corners[:, :1] + row_centres)[..., None] + span).clamp(0, height - 1)
-        x = ((corners[:, 1:] + column_centres)[..., None] + span).clamp(0, width - 1)
-        places = y[:, :, None, :, None], x[:, None, :, None, :]
-        windows = field[v[:, None, None, None], u[:, None, None], :, *places]  # [M, V, U, rows, columns, C]
-        windows = windows.permute(0, 1, 5, 3, 2, 4).flatten(4)  # [M, V, C, rows, U columns]
-        total = field.new_zeros(())
+    parts = zip(*(of.split(n_at_once) for of in items[:3]), *(of.split(n_at_once, 1) for of in items[3:]), strict=True)
+    none = field.new_zeros(0, field.shape[2], BLOCK, BLOCK)
+    return torch.cat([none, *(_some_by_torch(field, Items(*part)) for part in parts)])
+
+
+def _some_by_torch(field: Tensor, items: Items) -> Tensor:
+    """Products with Toeplitz matrices of the taps, a row of views at a time."""
+    device, (n_rows, n_columns, n_channels, height, width) = field.device, field.shape
+    n_read = BLOCK + SPAN - 1
+    span = torch.arange(n_read, device=device)
+    pixel, tap, view = (torch.arange(n, device=device) for n in (BLOCK, SPAN, n_columns))
+    toeplitz = (pixel[:, None] + tap[:, None, None] == span).to(field).flatten(1)  # [T, BLOCK read]
+    rows, columns = ((taps @ toeplitz).unflatten(-1, (BLOCK, n_read)) for taps in (items.rows, items.columns))
+    columns = columns.transpose(2, 3).flatten(3)  # [terms, M, BLOCK, U read]; rows: [terms, M, V, BLOCK, read]
+    # First pixels to be read.
+    top = items.corners[:, :1] + items.row_centres - SPAN // 2
+    left = items.corners[:, 1:] + items.column_centres - SPAN // 2
+    x = (left[..., None] + span).clamp(0, width - 1) + (height * width) * view[:, None]  # [M, U, columns]
+    n_items, total = x.shape[0], field.new_zeros(())
+    for v in range(n_rows):
+        y = width * (top[:, v, None] + span).clamp(0, height - 1)
+        light = field[v].permute(0, 2, 3, 1).reshape(-1, n_channels)
+        windows = light.index_select(0, (x[..., None] + y[:, None, None]).flatten())
+        windows = windows.reshape(n_items, n_columns * n_read, n_read * n_channels)
         for down, across in zip(rows, columns, strict=True):  # the products of which an aperture is the sum
-            matrix = (across @ toeplitz.flatten(1)).unflatten(2, (length, BLOCK)).flatten(1, 2)  # [M, U columns, BLOCK]
-            of_rows = (windows.flatten(1, 3) @ matrix).unflatten(1, windows.shape[1:4])  # [M, V, C, rows, BLOCK]
-            lines = (down @ toeplitz.flatten(1)).unflatten(2, (length, BLOCK)).permute(0, 3, 1, 2).flatten(2)
-            stacked = of_rows.permute(0, 1, 3, 2, 4).flatten(3).flatten(1, 2)  # [M, V rows, C BLOCK]
-            total = total + (lines @ stacked).unflatten(2, (-1, BLOCK)).transpose(1, 2)
-        parts.append(total)
-    return torch.cat(parts)
+            of_rows = (across @ windows).reshape(n_items, BLOCK, n_read, n_channels).permute(0, 2, 3, 1).flatten(2)
+            total = total + down[:, v] @ of_rows
+    return total.reshape(n_items, BLOCK, n_channels, BLOCK).transpose(1, 2)
 
 
 @loops.compiled
@@ -279,31 +291,56 @@ def add_items(
     result: NDArray,
 ) -> None:  # pragma: no cover - compiled
     """Items from `first` to before `last` of the fields of `Items`: result [M, C, BLOCK, BLOCK]."""
-    n_rows, n_columns, n_channels, height, width = views.shape
+    n_rows, n_columns, n_channels = views.shape[:3]
     n_terms, length = len(rows), BLOCK + SPAN - 1
-    window = np.zeros((length, length), views.dtype)
-    middle = np.zeros((length, LANES), views.dtype)
-    for item in range(first, last):
+    side = length + 2 * APART
+    window = np.zeros((side, side), views.dtype)
+    middles = np.zeros((last - first, length, LANES), views.dtype)
+    while first < last:
+        # Items of one block read nearly the same pixels of a view, which are copied to the cache once.
+        end = first + 1
+        while (
+            end < last
+            and (corners[end] == corners[first]).all()
+            and np.abs(row_centres[end] - row_centres[first]).max() <= APART
+            and np.abs(column_centres[end] - column_centres[first]).max() <= APART
+        ):
+            end += 1
         for c in range(n_channels):
             for v in range(n_rows):
-                top = corners[item, 0] + row_centres[item, v] - SPAN // 2
+                top = corners[first, 0] + row_centres[first, v] - SPAN // 2 - APART
                 for k in range(n_terms):
                     # 1. The views of a row, filtered along x and added up.
-                    middle[:] = 0
+                    middles[: end - first] = 0
                     for u in range(n_columns):
-                        left = corners[item, 1] + column_centres[item, u] - SPAN // 2
-                        if top >= 0 and top + length <= height and left >= 0 and left + length <= width:
+                        left = corners[first, 1] + column_centres[first, u] - SPAN // 2 - APART
+                        _read_window(views[v, u, c], top, left, window)
+                        for item in range(first, end):
                             _filter_along_x(
-                                views[v, u, c], np.uint64(top), np.uint64(left), columns[k, item, u], middle
+                                window,
+                                np.uint64(APART + row_centres[item, v] - row_centres[first, v]),
+                                np.uint64(APART + column_centres[item, u] - column_centres[first, u]),
+                                columns[k, item, u],
+                                middles[item - first],
                             )
-                            continue
-                        for y in range(length):
-                            for x in range(length):
-                                pixels = views[v, u, c, min(max(top + y, 0), height - 1)]
-                                window[y, x] = pixels[min(max(left + x, 0), width - 1)]
-                        _filter_along_x(window, np.uint64(0), np.uint64(0), columns[k, item, u], middle)
                     # 2. These rows, filtered along y.
-                    _filter_along_y(middle, rows[k, item, v], result[item, c])
+                    for item in range(first, end):
+                        _filter_along_y(middles[item - first], rows[k, item, v], result[item, c])
+        first = end
+
+
+@loops.compiled
+def _read_window(pixels: NDArray, top: int, left: int, window: NDArray) -> None:  # pragma: no cover - compiled
+    """Copy the pixels from a corner on; beyond the border the outermost ones repeat."""
+    side, (height, width) = len(window), pixels.shape
+    is_inside = left >= 0 and left + side <= width
+    for y in range(side):
+        row, line = pixels[min(max(top + y, 0), height - 1)], window[y]
+        if is_inside:
+            line[:] = row[left : left + side]
+            continue
+        for x in range(side):
+            line[x] = row[min(max(left + x, 0), width - 1)]
 
 
 @loops.compiled

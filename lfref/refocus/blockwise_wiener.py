@@ -10,6 +10,8 @@ views together (`joint_wiener`) take their place, and the picture is bounded by 
 Letters: `s` slope, `d` disparity in pixels per view step, `N` planes.
 """
 
+from collections.abc import Iterator
+
 import torch
 from torch import Tensor
 
@@ -68,8 +70,7 @@ def blockwise_wiener(
         >>> lfref.blockwise_wiener(views, [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
-    parts = blockwise_wiener_parts(views, slopes, weights, disparities, scene)
-    return parts[..., : views.shape[-3], :, :].contiguous()
+    return batches.restored([stack for stack, _ in _refocused(views, slopes, weights, disparities, scene)], views)
 
 
 @has_traits("predicts", symmetric=True)
@@ -81,11 +82,19 @@ def blockwise_wiener_parts(
     scene: Scene | None = None,
 ) -> Tensor:
     """The stack of `blockwise_wiener`, and the pictures by filters for all disparities, side by side as channels."""
+    return batches.restored(
+        [torch.cat(each, 1) for each in _refocused(views, slopes, weights, disparities, scene)], views
+    )
+
+
+def _refocused(
+    views: Tensor, slopes: Slopes, weights: Tensor | None, disparities: Tensor | None, scene: Scene | None
+) -> Iterator[tuple[Tensor, Tensor]]:
+    """Of each light field the stack, and the pictures by filters for all disparities, [N, C, H, W] each."""
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.symmetric_weights(weights, grid)
     known = [None] * len(batch) if disparities is None else disparities.reshape(-1, *size)
-    stacks = []
     for own, known_disparity in zip(scenes_of(batch, scene, weights), known, strict=True):
         field, noise = own.light, own.noise
         disparity = own.disparity if known_disparity is None else known_disparity.to(field)
@@ -98,12 +107,11 @@ def blockwise_wiener_parts(
             joint = refocus_jointly(field, planes, by_map, aperture)
             everywhere = everywhere + near * (joint - everywhere)
         of_blocks, share = block_filters.refocus_by_blocks(own, planes, disparity, prior, aperture)
-        stack = everywhere + share * (of_blocks - everywhere)
+        stack = torch.lerp(everywhere, of_blocks, share)
         stack = _median_at_whole_slopes(stack, everywhere, own, planes, aperture)
         if is_wide:
             stack = stack + near * (bounded_by_views(stack, own, planes, aperture) - stack)
-        stacks.append(torch.cat([stack, everywhere], 1))
-    return batches.restored(torch.stack(stacks), views)
+        yield stack, everywhere
 
 
 def _nearness(disparity: Tensor, planes: Tensor) -> Tensor:
@@ -118,13 +126,14 @@ def _median_at_whole_slopes(
 ) -> Tensor:
     """The stack [N, C, H, W]; in planes at whole slopes the median of it and the other two pictures, fading into it."""
     fractional = ((planes - planes.round()).abs() / WHOLE).clamp(max=1)
-    whole = (fractional < 1).nonzero()[:, 0]
-    if not len(whole):
+    is_whole = fractional < 1
+    if torch.compiler.is_exporting():
+        is_whole |= fractional == fractional.amin(0)  # a file cannot sum no planes
+    elif not bool(is_whole.any()):
         return stack
+    whole = is_whole.nonzero()[:, 0]
     cells = shift_and_sum_antialiased(scene.light, planes[whole], aperture, scene=scene)
-    pictures = list(stack.unbind(0))
-    for n, picture in zip(whole.tolist(), cells, strict=True):
-        one, other = pictures[n], everywhere[n]
-        middle = torch.maximum(torch.minimum(one, other), torch.minimum(torch.maximum(one, other), picture))
-        pictures[n] = middle if fractional[n] == 0 else torch.lerp(middle, one, float(fractional[n]))
-    return torch.stack(pictures)
+    at, fractional = (on_device(numbers, stack.device) for numbers in (whole, fractional[whole]))
+    one, other = stack.index_select(0, at), everywhere.index_select(0, at)
+    middle = torch.maximum(torch.minimum(one, other), torch.minimum(torch.maximum(one, other), cells))
+    return stack.index_copy(0, at, torch.lerp(middle, one, fractional.to(stack)[:, None, None, None]))

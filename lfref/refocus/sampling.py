@@ -89,8 +89,8 @@ BORDERS: dict[str, Border] = {
 class Interpolation(NamedTuple):
     """One way to read an image between its samples."""
 
-    weights: Callable | None
-    """(t), a number or a tensor -> weights of consecutive samples around a position t beyond one; None: all count."""
+    weights: Callable
+    """(t), a number or a tensor -> weights of consecutive samples around a position t beyond one."""
     before: int = 0
     """Samples before that one where the weights begin."""
     rounds: bool = False
@@ -102,7 +102,6 @@ class Interpolation(NamedTuple):
 
     def taps(self, position: float) -> list[tuple[int, float]]:
         """The few samples that are read, each as its index and weight."""
-        assert self.weights is not None, "this interpolation reads all samples"
         whole = math.floor(position)
         return [(whole - self.before + i, weight) for i, weight in enumerate(self.weights(position - whole))]
 
@@ -111,16 +110,15 @@ INTERPOLATIONS: dict[str, Interpolation] = {
     "nearest": Interpolation(lambda t: (1 - t,), rounds=True),
     "linear": Interpolation(lambda t: (1 - t, t)),
     "cubic": Interpolation(splines.weights, before=1),
-    "exact": Interpolation(None),
 }
-"""`exact` is trigonometric (Fourier) interpolation, which moves a whole view by one distance."""
 CUBIC = INTERPOLATIONS["cubic"]
 """The interpolation of methods without a setting."""
 
 
 def is_sampled(shifts: Tensor, places: Tensor, length: int) -> Tensor:
     """Whether the position `place + shift` lies on the view, [0, length - 1]; shifts and places broadcast."""
-    return (places >= (-shifts).ceil()) & (places <= (length - 1 - shifts).floor())
+    positions = places + shifts
+    return (positions >= 0) & (positions <= length - 1)
 
 
 TAPS = 8

@@ -97,7 +97,7 @@ def separable_wiener(
             )
             for own in scenes_of(batch, scene, weights)
         ]
-    return batches.restored(torch.stack(stacks), views)
+    return batches.restored(stacks, views)
 
 
 def refocus_by_rows_and_columns(

@@ -166,8 +166,7 @@ def _mean_of_views(
     views: Tensor, aperture: Tensor, planes: Sequence[ViewMap], interpolation: str, border: str
 ) -> Tensor:
     """Weighted mean, at each pixel, of the views [B, V, U, C, H, W] that have a sample there; 0 where none has."""
-    local = {name: record for name, record in INTERPOLATIONS.items() if record.weights is not None}
-    method = chosen("interpolation at positions that vary over the picture", interpolation, local)
+    method = chosen("interpolation", interpolation, INTERPOLATIONS)
     rule = chosen("border", border, BORDERS)
     rows, columns = (torch.arange(n, dtype=torch.float64, device=views.device) for n in views.shape[-2:])
     images = []
@@ -198,7 +197,6 @@ def sample(images: Tensor, x: Tensor, y: Tensor, method: Interpolation, border: 
 
     Returns samples [..., P...], and where there are some, [P...]: on the image if only samples count, else everywhere.
     """
-    assert method.weights is not None, "this interpolation reads all samples"
     taps, has_sample = [], torch.ones_like(x, dtype=torch.bool)
     for exact, length in zip((y, x), images.shape[-2:], strict=True):
         position = (exact + 0.5).floor() if method.rounds else exact

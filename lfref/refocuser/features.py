@@ -56,12 +56,10 @@ from lfref.refocuser import filling
 from lfref.refocuser.refocuser import Aperture, Operator, OperatorRefocuser
 
 CANDIDATES = ("fine", "middle", "coarse", "sum", "cells", "central", "everywhere", "local")
-"""Features that are other pictures of the plane."""
 FEATURES = (
     *CANDIDATES,
     *("picture", "inner", "spread", "defocus", "relief", "coverage", "fraction", "views", "error_scale", "noise"),
 )
-"""Names of all features."""
 PLAIN_SUM = functools.partial(shift_and_sum, interpolation="cubic")
 """What `sum`, `inner` and `spread` are measured by."""
 

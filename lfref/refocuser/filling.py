@@ -26,10 +26,9 @@ AT_ONCE = 2**21
 
 
 def filled(views: Tensor, weight: Tensor) -> Tensor:
-    """Replace samples of little weight by the weighted mean of all views at that pixel.
+    """Replace samples of little weight [..., V, U, 1, H, W] by the weighted mean of all views at that pixel.
 
-    Samples below `TRUSTED` fade to that mean, which is black where no view has any weight. Views are
-    [..., V, U, C, H, W], their weight [..., V, U, 1, H, W].
+    Samples below `TRUSTED` fade to that mean, which is black where no view has any weight.
     """
     # Samples of less weight are filled.
     least = TRUSTED * weight.amax((-5, -4), keepdim=True)

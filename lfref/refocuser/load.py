@@ -64,7 +64,6 @@ def load(
 DESCRIPTION = "lfref"
 """Entry of an exported file that describes it: JSON of plain values."""
 VIEWS, SLOPES, STACK = "views", "slopes", "stack"
-"""Names of the inputs and of the output of an exported file."""
 
 
 def load_onnx(path: Path) -> Refocuser:

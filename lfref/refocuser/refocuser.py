@@ -62,9 +62,6 @@ class Refocuser(abc.ABC):
 
         Returns:
             Stack, [..., N, C, H, W], type of the views (float32 for integers).
-
-        Raises:
-            InputError: Views or slopes that it cannot use.
         """
         views = light.views if isinstance(light, LightField) else light
         if self.device is not None and isinstance(views, Tensor) and views.device != self.device:
@@ -83,13 +80,9 @@ class Refocuser(abc.ABC):
 
     @abc.abstractmethod
     def stack(self, views: Tensor, weight: Tensor | None, slopes: Tensor, positions: Tensor | None = None) -> Tensor:
-        """Refocus views whose axes, type and slopes have been checked.
+        """Refocus views [..., V, U, C, H, W] whose axes, type and slopes [N] have been checked.
 
-        Args:
-            views: [..., V, U, C, H, W].
-            weight: How far each sample is to be trusted, in [0, 1], [..., V, U, 1, H, W]; None means fully.
-            slopes: In pixels per view step, [N].
-            positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
+        The weight is the trust in samples, in [0, 1] (None: 1), positions are those of a `LightField`.
         """
 
     def through(self, aperture: Aperture | None) -> "Refocuser":
@@ -117,21 +110,15 @@ class Refocuser(abc.ABC):
                 raise InputError(f"{self.name} refocuses to any planes", got="none", remedy="give slopes")
             return geometry.as_slopes(requested)
         if requested is not None and not self.planes.has_slopes(requested):
-            raise InputError(
-                f"{self.name} makes the planes {', '.join(self.planes.labels)}",
-                got=", ".join(FocalPlanes(requested).labels),
-                remedy="ask for these planes, or use an operator (method=shift_and_sum)",
-            )
+            got, remedy = ", ".join(FocalPlanes(requested).labels), "ask for these planes, or use method=shift_and_sum"
+            raise InputError(f"{self.name} makes the planes {', '.join(self.planes.labels)}", got=got, remedy=remedy)
         return self.planes.slopes
 
 
 def light_for_network(
     name: str, views: Tensor, weight: Tensor | None, positions: Tensor | None, device: torch.device
 ) -> Tensor:
-    """The radiance that a network reads: it has no input for weights, so untrusted samples are filled.
-
-    Cameras off the even grid, views on another device and samples that are not finite are refused.
-    """
+    """The radiance that a network reads, untrusted samples filled; uneven grids, other devices and NaN are refused."""
     if positions is not None:
         raise uneven(name)
     if views.device != device:
@@ -143,11 +130,8 @@ def light_for_network(
 
 def uneven(name: str) -> InputError:
     """The error about cameras off the even grid, for a method that needs one."""
-    return InputError(
-        f"{name} needs cameras on an even grid",
-        got="positions of their own",
-        remedy="take method=shift_and_sum_antialiased, shift_and_sum, exact_fourier or tilt_shift",
-    )
+    remedy = "take method=shift_and_sum_antialiased, shift_and_sum, exact_fourier or tilt_shift"
+    return InputError(f"{name} needs cameras on an even grid", got="positions of their own", remedy=remedy)
 
 
 def name_apart(refocusers: Iterable[Refocuser]) -> None:
@@ -166,15 +150,12 @@ Operator = Callable[..., Tensor]
 
 @dataclass(eq=False)
 class OperatorRefocuser(Refocuser):
-    """A refocusing operator, perhaps with an aperture.
+    """A refocusing operator, perhaps with an aperture, for which it must have a parameter `weights`.
 
     Args:
         name: As tables and legends call it.
         operator: Refocuses views at slopes; its options are bound already.
         aperture: Weights of the views of any grid; None weighs all alike.
-
-    Raises:
-        InputError: An aperture for an operator without a parameter `weights`.
 
     Example:
         >>> refocuser = OperatorRefocuser("shift_and_sum", lfref.shift_and_sum)
@@ -270,10 +251,7 @@ class OperatorRefocuser(Refocuser):
     def _through_views(
         self, views: Tensor, slopes: Tensor, weights: Tensor, options: dict[str, Tensor], in_place: bool = False
     ) -> Tensor:
-        """The stack through an aperture of these weights, [V, U], 0 for missing views, which may be filled in place.
-
-        Operators that need symmetric weights read views of some weight as they are if the weights are not symmetric.
-        """
+        """The stack through an aperture of these weights, [V, U], 0 for missing views, which may be filled in place."""
         if bool((weights == weights[0, 0]).all()):
             return self.operator(views, slopes, **options)
         fits = not self.traits.symmetric or batches.is_symmetric(weights)

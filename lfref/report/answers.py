@@ -1,25 +1,37 @@
-"""What a comparison of methods answers, in one sentence: how much better is ours than the best classical method?
+"""What a comparison of methods answers, in one sentence and in crops: how much better is ours than the best other?
 
-"Ours" is the best network, and before all else it must be better than no refocusing, the mean of the views; that is no
-competitor of the others. Without a network, or without a classical method, ours is the best of all, beside the next.
-A method is no evidence about itself: rows that a method judges of its own pictures are left out. Only the truth, the
-picture of a lens, says which method is better; by any other reference, one is only nearer to it than another.
+"Ours" is the best network, and before all else it must be better than no refocusing, the mean of the views. Without a
+network, or without a classical method, ours is the best of all, beside the next. Rows that a method judges of its own
+pictures are left out. Only the truth, the picture of a lens, says which method is better; by any other reference, one
+is only nearer to it than another.
 """
 
+import math
+from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
+from torch import Tensor
+from torch.nn import functional as F
 
 from lfref.bench import accuracy
 from lfref.bench.accuracy import RIVAL
 from lfref.bench.evaluation import TRUTH
-from lfref.report import tables
+from lfref.encoding import NONE
+from lfref.io import images
+from lfref.report import pictures, tables
 from lfref.report.tables import TRUTHS
 
 SERIES = ["method", "reference"]
-"""Columns whose values name one mean."""
 SAME_DB = 0.05
 """Difference in dB below which the sentence calls two methods equal: it has one decimal."""
+CROPS = "crops"
+SIDE = 72
+"""Side of the part in pixels; the whole interior where that is smaller."""
+MOST_AMPLIFIED = 64
+"""Largest factor of a difference: beyond it, the steps of 8 bits would be seen."""
 
 
 class Answer(NamedTuple):
@@ -32,27 +44,18 @@ class Answer(NamedTuple):
     other: str | None
     """The method that ours is compared with; None: there is no other."""
     worst: str
-    """The scene where ours is the farthest from the reference."""
     sentence: str
-    """The answer with its figures."""
 
 
 def of_evaluation(summary: pd.DataFrame, planes: pd.DataFrame) -> Answer | None:
-    """The answer for the rendered label, which is the truth, else for the first one; None without methods.
-
-    The summary has `is_network` beside the columns of `accuracy.summaries`; planes are rows of `accuracy.plane_rows`.
-    """
+    """The answer for the rendered label, which is the truth, else for the first one; None without methods."""
     rows = summary.rename(columns={"light_field": "scene", "mpsnr_db": "psnr_db"}).assign(**{"class": ""})
     means = rows.groupby([*SERIES, "class", "is_network"], sort=False)["psnr_db"].mean().reset_index()
     return of_bench(means.join(accuracy.explained(planes, SERIES), on=SERIES), rows)
 
 
 def of_bench(bench: pd.DataFrame, scenes: pd.DataFrame) -> Answer | None:
-    """The answer of the first class that the truth judges, else of the first class; None without methods.
-
-    Columns are `method`, `class`, `reference`, `psnr_db`; `is_network`, and perhaps `numpy_ffts` and those of
-    `accuracy.explained`, for the bench; `scene` for the scenes.
-    """
+    """The answer of the first class that the truth judges, else of the first class; None without methods."""
     rows = tables.judged_by_others(bench.dropna(subset=["class", "psnr_db"]))
     rows = rows[rows["method"] != RIVAL]
     if rows.empty:
@@ -60,7 +63,10 @@ def of_bench(bench: pd.DataFrame, scenes: pd.DataFrame) -> Answer | None:
     by_truth = rows[rows["reference"].isin(TRUTHS)]
     kind, reference = (rows if by_truth.empty else by_truth)[["class", "reference"]].iloc[0]
     rows = rows[(rows["class"] == kind) & (rows["reference"] == reference)].sort_values("psnr_db", ascending=False)
-    ours, other = _ours_and_other(rows)
+    # The best network and the best classical method; without one of them, the best two of all.
+    networks, classical = rows[rows["is_network"]], rows[~rows["is_network"]]
+    best = pd.concat([networks[:1], classical[:1]]) if len(networks) and len(classical) else rows
+    ours, other = best.iloc[0], best.iloc[1] if len(best) > 1 else None
     of_ours = scenes[(scenes["class"] == kind) & (scenes["reference"] == reference) & (scenes["method"] == ours.method)]
     scores = of_ours.groupby("scene", sort=False)["psnr_db"].mean()
     where = f"{len(scores)} {f'scenes ({kind})' if reference == TRUTH and kind else 'light fields'}"
@@ -75,14 +81,6 @@ def of_bench(bench: pd.DataFrame, scenes: pd.DataFrame) -> Answer | None:
         sentence += f", at {ours.numpy_ffts:.2g} units of time{against}"
     name = None if other is None else str(other.method)
     return Answer(str(kind), str(reference), str(ours.method), name, str(scores.idxmin()), f"{sentence}.")
-
-
-def _ours_and_other(ranked: pd.DataFrame) -> tuple[pd.Series, pd.Series | None]:
-    """The best network and the best classical method; without one of them, the best two of all."""
-    networks, classical = ranked[ranked["is_network"]], ranked[~ranked["is_network"]]
-    if len(networks) and len(classical):
-        return networks.iloc[0], classical.iloc[0]
-    return ranked.iloc[0], ranked.iloc[1] if len(ranked) > 1 else None
 
 
 def _against_mean(ours: pd.Series) -> str:
@@ -106,3 +104,42 @@ def _compared(ours: pd.Series, other: pd.Series | None, reference: str) -> str:
         return f"is {'as good' if is_truth else f'as near to {reference}'} as {named}"
     above, below = ("better", "worse") if is_truth else ("nearer to it", "farther from it")
     return f"is {abs(gain):.1f} dB {above if gain > 0 else below} than {named}"
+
+
+def write_crops(
+    folder: Path, view: Tensor, ours: Tensor, other: Tensor | None, reference: Tensor, margin: int = 0
+) -> None:
+    """Write the same part of five pictures [C, H, W] as a screen gets them, the fifth being the difference of ours.
+
+    The part is where our picture is farthest from the reference; a border of `margin` pixels does not count.
+    """
+    inner = slice(margin, -margin or None)
+    row = {"view": view, "other": other, "ours": ours, "reference": reference}
+    parts = {name: picture[:, inner, inner].nan_to_num(0, 0, 0) for name, picture in row.items() if picture is not None}
+    # The square of the greatest mean error.
+    error = (parts["ours"] - parts["reference"]).square().mean(0)
+    side = min(SIDE, *error.shape)
+    means = F.avg_pool2d(error[None, None], side, stride=1)[0, 0]
+    top, left = divmod(int(means.argmax()), means.shape[1])
+    parts = {name: part[:, top : top + side, left : left + side] for name, part in parts.items()}
+    difference = (parts["ours"] - parts["reference"]).abs()
+    # The largest power of two by which no difference is cut.
+    factor = 2 ** math.floor(math.log2(1 / max(float(difference.max()), 1 / MOST_AMPLIFIED)))
+    parts[f"difference_{factor}"] = difference * factor
+    for name, part in parts.items():
+        shown = pictures.for_display(part, encoding=NONE)
+        images.write_image(folder / CROPS / f"{name}.png", np.ascontiguousarray(shown))
+
+
+def read_crops(folder: Path, answer: Answer) -> Mapping[str, Path]:
+    """Caption -> picture of the crops of an answer; empty if the run wrote none."""
+    captions = {
+        "view": "Centre view",
+        "other": answer.other or "",
+        "ours": answer.ours,
+        "reference": "Truth" if answer.reference in TRUTHS else f"{answer.reference}, which is not the truth",
+    }
+    files = {caption: folder / CROPS / f"{name}.png" for name, caption in captions.items()}
+    for file in (folder / CROPS).glob("difference_*.png"):
+        files[f"Difference \N{MULTIPLICATION SIGN} {file.stem.partition('_')[2]}"] = file
+    return {caption: file for caption, file in files.items() if file.is_file()}

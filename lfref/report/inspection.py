@@ -26,7 +26,11 @@ def inspection_sheet(inspection: Inspection) -> Figure:
     centre, disparity = above.subplots(1, 2)
     gain = brightening(inspection.field)
     _draw_view(centre, inspection, inspection.reference, gain)
-    _draw_disparity(disparity, inspection)
+    values, confidence = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
+    low, high = inspection.slopes or (float(values.min()), float(values.max()))
+    disparity.imshow(pictures.greyed(pictures.coloured(values, low, high), confidence))
+    disparity.set_title(f"disparity, {low:.3g} (dark) to {high:.3g} px per view step; grey: unknown", fontsize=9)
+    disparity.set_axis_off()
     corners, light, slopes = below.subfigures(1, 3, squeeze=False, width_ratios=(1.35, 1, 1.5))[0]
     v_ends, u_ends = (sorted({0, n - 1}) for n in (rows, columns))
     grid = corners.subplots(len(v_ends), len(u_ends), squeeze=False)
@@ -41,14 +45,6 @@ def _draw_view(axes: Axes, inspection: Inspection, view: tuple[int, int], gain: 
     field = inspection.field
     axes.imshow(pictures.for_display(field.views[view].clamp(0, None), gain, field.picture_encoding))
     axes.set_title(f"view {view[0]}, {view[1]}", fontsize=9)
-    axes.set_axis_off()
-
-
-def _draw_disparity(axes: Axes, inspection: Inspection) -> None:
-    values, confidence = (values.cpu().numpy() for values in (inspection.disparity, inspection.confidence))
-    low, high = inspection.slopes or (float(values.min()), float(values.max()))
-    axes.imshow(pictures.greyed(pictures.coloured(values, low, high), confidence))
-    axes.set_title(f"disparity, {low:.3g} (dark) to {high:.3g} px per view step; grey: unknown", fontsize=9)
     axes.set_axis_off()
 
 

@@ -1,7 +1,4 @@
-"""The report page: one HTML file with style and pictures inside, for wide, narrow and dark screens.
-
-All text is escaped.
-"""
+"""The report page: one HTML file with style and pictures inside, for wide, narrow and dark screens."""
 
 import base64
 import io
@@ -31,7 +28,6 @@ class Section:
     figures: Mapping[str, Figure | Path] = field(default_factory=dict)
     """Caption -> figure, or a PNG file; screen readers read the caption too."""
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
-    """Caption -> table."""
     files: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     """Name of a CSV file beside the page -> its table."""
     answer: str = ""
@@ -43,17 +39,9 @@ class Section:
 def write_page(
     path: str | Path, title: str, sections: Sequence[Section], facts: Mapping[str, object], text: str = ""
 ) -> None:
-    """Write the page as one file, all or nothing.
-
-    Several sections get a list of their titles and answers; the text stands below the heading, facts at the end.
-    """
-    page = jinja2.Environment(
-        loader=jinja2.PackageLoader("lfref.report", "."),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    """Write the page, all or nothing: the text below the heading, the sections after their answers, the facts."""
+    loader, strict = jinja2.PackageLoader("lfref.report", "."), jinja2.StrictUndefined
+    page = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=strict)
     page.filters |= {"heading": tables.heading, "cell": lambda value, column="": tables.format_cell(column, value)}
     page.filters["png"] = _png
     page.tests["numeric"] = lambda column: column.dtype.kind in "iuf" and column.name not in tables.NAMES

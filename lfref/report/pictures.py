@@ -8,7 +8,7 @@ Sheets are put together as pixels, and OpenImageIO draws their text: refocusing 
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import OpenImageIO
@@ -25,13 +25,11 @@ SHEET_WIDTH, SHEET_COLUMNS = 1350, 4
 SCENE_COLUMNS = 6
 """Number of columns of the sheet of a simulated scene, which has the width of a contact sheet."""
 SHEET_GAP, SHEET_LINE = 14, 24
-"""Gap between two pictures of a sheet, and height of a line of text, in pixels."""
 LABEL_LETTERS = 28
 """Number of letters of a label after which a line breaks in a contact sheet, and in proportion in narrower cells."""
 LETTERS, INK = 18, 34
 """Height of the letters in pixels, and their brightness, of 255."""
 MAP = "viridis"
-"""Colour map of slopes and disparities."""
 LEAST_CONFIDENCE, GREY = 0.1, 0.5
 """Least confidence of a known disparity; below, the colours of the map fade to this grey."""
 
@@ -43,10 +41,7 @@ def common_exposure(mean_image: Tensor) -> float:
 
 
 def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB) -> np.ndarray:
-    """An image [C, H, W] for a screen, times the exposure, cut to [0, 1], then encoded: float32 [H, W, 3].
-
-    Values that are not finite become black. Samples that are encoded already have the encoding `NONE`.
-    """
+    """An image [C, H, W] times the exposure, cut to [0, 1] (NaN is black), then encoded: float32 [H, W, 3]."""
     array = _array(image)
     clean = np.nan_to_num(array * np.float32(exposure), nan=0.0, posinf=0.0, neginf=0.0)
     shown = images.encoded(np.clip(clean, 0, 1), encoding)
@@ -56,10 +51,7 @@ def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB)
 def contact_sheet(
     stack: Tensor, labels: Sequence[str], exposure: float | None = None, encoding: Encoding = SRGB
 ) -> NDArray[np.uint8]:
-    """All planes of a stack [N, C, H, W] in reading order, each with its label: pixels [H, W, 3].
-
-    Without an exposure, the gain follows from the mean of the planes.
-    """
+    """All planes of a stack [N, C, H, W] with labels; their mean sets an exposure of None: pixels [H, W, 3]."""
     exposure = common_exposure(stack.mean(0)) if exposure is None else exposure
     n_columns = min(SHEET_COLUMNS, len(stack))
     shown = [for_display(_resized(image, _cell_width(n_columns)), exposure, encoding) for image in stack]
@@ -68,12 +60,7 @@ def contact_sheet(
 
 
 def views_sheet(cells: Mapping[str, Tensor]) -> NDArray[np.uint8]:
-    """Pictures and maps in reading order: pixels [H, W, 3].
-
-    Args:
-        cells: Title -> picture, [C, H, W], clipped to [0, 1]; or a map, [H, W], shown in colours, whose title gets the
-            values of the first and the last colour. All of one size.
-    """
+    """Pictures [C, H, W] and maps [H, W], which are shown in colours, by their titles: pixels [H, W, 3]."""
     n_columns, shown = min(SCENE_COLUMNS, len(cells)), {}
     for title, image in cells.items():
         if image.ndim == 3:
@@ -123,7 +110,10 @@ def _resized(image: Tensor, width: int) -> Tensor:
 def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], n_columns: int, note: str = "") -> NDArray[np.uint8]:
     """A sheet of pictures [H, W, 3] in reading order, with labels above them and a note below."""
     height, width = shown[0].shape[:2]
-    lines = [_lines(label, LABEL_LETTERS * width // _cell_width(SHEET_COLUMNS)) for label in labels]
+    # Lines are broken after words and underscores.
+    n_letters = max(8, LABEL_LETTERS * width // _cell_width(SHEET_COLUMNS))
+    broken = [textwrap.wrap(label.replace("_", "_ "), n_letters, break_on_hyphens=False) for label in labels]
+    lines = [[line.replace("_ ", "_") for line in label] or [""] for label in broken]
     above = SHEET_LINE * max(map(len, lines)) + SHEET_GAP
     n_rows = math.ceil(len(shown) / n_columns)
     size = n_rows * (above + height) + 2 * SHEET_LINE, n_columns * (width + SHEET_GAP) + SHEET_GAP
@@ -139,19 +129,9 @@ def _sheet(shown: Sequence[np.ndarray], labels: Sequence[str], n_columns: int, n
         for (y, x), label in zip(corners, lines, strict=True)
         for n, line in enumerate(reversed(label))
     ]
-    return _with_texts(sheet, [*texts, (note, size[1] // 2, size[0] - SHEET_GAP)])
-
-
-def _lines(label: str, n_letters: int) -> list[str]:
-    """A label in lines of about so many letters, broken after words and underscores."""
-    lines = textwrap.wrap(label.replace("_", "_ "), max(8, n_letters), break_on_hyphens=False)
-    return [line.replace("_ ", "_") for line in lines] or [""]
-
-
-def _with_texts(pixels: np.ndarray, texts: Iterable[tuple[str, int, int]]) -> NDArray[np.uint8]:
-    """Pixels [H, W, 3] with texts centred at x, y; a build of OpenImageIO that has no letters leaves them out."""
-    canvas = OpenImageIO.ImageBuf(np.ascontiguousarray(pixels))
-    for text, x, y in texts:
+    canvas = OpenImageIO.ImageBuf(sheet)
+    # A build of OpenImageIO that has no letters leaves texts out.
+    for text, x, y in [*texts, (note, size[1] // 2, size[0] - SHEET_GAP)]:
         OpenImageIO.ImageBufAlgo.render_text(canvas, x, y, text, LETTERS, "", (INK / 255,) * 3, "center")
     return np.asarray(canvas.get_pixels("uint8"), np.uint8)
 

@@ -1,20 +1,23 @@
-"""Plots of training, sweeps, evaluations and benches; a PSNR counts in them by at most 70 dB, as in means."""
+"""Plots of trainings, evaluations, benches and hard cases; a PSNR counts in them by at most 70 dB, as in means."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+import textwrap
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure, FigureBase
+from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from torch import Tensor
 
 from lfref.bench.timing import FFT
 from lfref.geometry import FocalPlanes
 from lfref.report import drawing, pictures, tables
-from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, ORANGE, PALE, RED, TEAL, new_figure, style_axes
+from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, MAGENTA, ORANGE, PALE, RED, TEAL, new_figure, style_axes
 
 MOST_LINES, COLUMNS = 7, 4
 """Number of lines that a reader can follow in one panel, and of small panels in a row."""
@@ -26,6 +29,16 @@ LOSS_TERMS = {  # column of Lightning's metrics.csv: name, colour, line width
     "train/inverse_psnr": ("1/PSNR term", CYAN, 1.2),
     "val/loss": ("total, validation", RED, 1.8),
 }
+OUTCOMES = {
+    "holds": (TEAL, "within the tolerance"),
+    "inexact": (ORANGE, "beyond the tolerance"),
+    "not finite": (BLACK, "value or gradient not finite"),
+    "hidden": (MAGENTA, "finite where the input is not"),
+    "error": (GREY, "fails with an error"),
+}
+"""Outcome of a trial -> colour and meaning."""
+MOST_PANELS = 4
+CELL, HEADER, SIDE = 0.17, 1.35, 2.4
 
 
 def training_curves(metrics: pd.DataFrame) -> Figure:
@@ -57,11 +70,7 @@ def _draw_steps(axes: Axes, metrics: pd.DataFrame, column: str, **style: Any) ->
 
 
 def by_plane(planes: pd.DataFrame, columns: Iterable[str] = ("psnr_db",)) -> Figure:
-    """Scores against alpha, or slope if a plane has no alpha: a part per class, reference and score, a line per method.
-
-    More lines than a reader can follow get a panel each, in which all others are grey. A line is the mean over light
-    fields; a method is left out where it is its own reference. `class` is a column if there are classes.
-    """
+    """Scores against alpha or slope: a part per class, reference and score, a line or a panel per method."""
     rows, place = tables.judged_by_others(planes), tables.plane_axis(planes)
     groups = list(rows.groupby([*(["class"] if "class" in rows else []), "reference"], sort=False))
     parts = [(*key, column, group) for key, group in groups for column in columns]
@@ -107,10 +116,7 @@ def _draw_lines(
 
 
 def scatter(summary: pd.DataFrame) -> Figure:
-    """The paper's figure: MPSNR against MSSIM, a point per light field, coloured by reference, shaped by method.
-
-    A method is left out where it is its own reference.
-    """
+    """The paper's figure: MPSNR against MSSIM, a point per light field, coloured by reference, shaped by method."""
     rows = tables.capped(tables.judged_by_others(summary), "mpsnr_db")
     methods, references = (rows[name].unique().tolist() for name in ("method", "reference"))
     figure = new_figure(7.5, 5)
@@ -129,8 +135,7 @@ def scatter(summary: pd.DataFrame) -> Figure:
 def front(rows: pd.DataFrame) -> Figure:
     """Accuracy against time: a panel per class, a point per method, and by the truth a step line, the Pareto front.
 
-    Points of the front are full. Any other reference is the picture of a method: nearness to it is no quality, and
-    there is no front. A method is left out where it is its own reference. The time of the row `FFT` is the unit.
+    Points of the front are full. Nearness to any other reference, the picture of a method, is no quality.
     """
     unit = float(rows.loc[rows["method"] == FFT, "median_s"].iloc[0])
     methods = tables.judged_by_others(tables.capped(rows, "psnr_db")).dropna(subset=["median_s", "psnr_db"])
@@ -170,8 +175,7 @@ def has_front(rows: pd.DataFrame) -> bool:
 def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = None) -> Figure:
     """Bars for the cost of each cause, marks for what each remedy wins back; panels for the mean and for each plane.
 
-    Costs are those of base methods; the other methods are remedies. `panels_at` are alphas, or slopes, of the planes
-    that get a panel; None: all.
+    `panels_at` are alphas, or slopes, of the planes that get a panel; None: all.
     """
     causes = by_plane["cause"].unique().tolist()[::-1]
     remedies = by_plane.loc[~by_plane["is_base"], "method"].unique().tolist()
@@ -200,11 +204,7 @@ def error_causes(by_plane: pd.DataFrame, panels_at: Collection[float] | None = N
 
 
 def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Tensor) -> Figure:
-    """The paper's comparison: a row per method, a column per plane, and a middle row with the mean of all views.
-
-    Its planes are those of the least and of the greatest slope, and the one nearest to slope 0. The mean of all views,
-    [C, H, W], sets the exposure of all pictures.
-    """
+    """The paper's comparison: a row per method, columns of the least, middle and greatest slope, the mean of views."""
     shown, slopes = [], planes.slopes
     for place in (slopes.argmin(), slopes.abs().argmin(), slopes.argmax()):
         shown += [int(place)] if int(place) not in shown else []
@@ -225,3 +225,58 @@ def comparison(stacks: Mapping[str, Tensor], planes: FocalPlanes, mean_image: Te
             axes.set_title(planes.labels[plane], fontsize=9)
             axes.imshow(pictures.for_display(stack[plane], exposure))
     return figure
+
+
+def heat_maps(trials: pd.DataFrame) -> dict[str, Figure]:
+    """Caption -> heat map of up to `MOST_PANELS` components that follow each other and have the same cases."""
+    cases = {str(name): set(panel["case"]) for name, panel in trials.groupby("component", sort=False)}
+    pictures: list[list[str]] = []
+    for name in cases:
+        if not pictures or len(pictures[-1]) == MOST_PANELS or not cases[name] <= cases[pictures[-1][0]]:
+            pictures.append([])
+        pictures[-1].append(name)
+    return {", ".join(names): heat_map(trials[trials["component"].isin(names)]) for names in pictures}
+
+
+def heat_map(trials: pd.DataFrame) -> Figure:
+    """One panel per component of `component, case, precision, formulation, outcome`, all with the same cases."""
+    panels, cases = dict(list(trials.groupby("component", sort=False))), trials["case"].unique().tolist()
+    widths = [len(panel.groupby(["formulation", "precision"])) for panel in panels.values()]
+    figure = new_figure(SIDE + CELL * sum(widths) + 0.3 * len(widths), HEADER + CELL * len(cases) + 0.6)
+    all_axes = figure.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0]
+    for axes, (component, panel) in zip(all_axes, panels.items(), strict=True):
+        _draw_panel(axes, str(component), panel, cases)
+    for axes in all_axes[1:]:
+        axes.set_yticklabels([])
+    shown = {text: to_rgb(colour) for name, (colour, text) in OUTCOMES.items() if name in set(trials["outcome"])}
+    handles = [Patch(color=colour, label=text) for text, colour in shown.items()]
+    figure.legend(handles=handles, loc="outside lower left", ncols=3, frameon=False, fontsize=8)
+    return figure
+
+
+def _draw_panel(axes: Axes, component: str, panel: pd.DataFrame, cases: Sequence[str]) -> None:
+    pairs = panel[["formulation", "precision"]].drop_duplicates()
+    # All precisions of one formulation, then of the next.
+    columns = pd.concat([own for _, own in pairs.groupby("formulation", sort=False)], ignore_index=True)
+    places = pd.MultiIndex.from_frame(columns)
+    cells = np.ones((len(cases), len(columns), 3))
+    for row in panel.itertuples():
+        cells[cases.index(row.case), places.get_loc((row.formulation, row.precision))] = to_rgb(
+            OUTCOMES[row.outcome][0]
+        )
+    axes.imshow(cells, aspect="equal", interpolation="nearest")
+    # A column is nearly three letters wide.
+    axes.set_title(textwrap.fill(component, round(2.8 * len(columns)) + 2), fontsize=8.5, loc="left", color=BLACK)
+    axes.set_yticks(range(len(cases)), cases, fontsize=8)
+    axes.set_xticks(columns.index, columns["precision"], rotation=90, fontsize=7)
+    axes.tick_params(top=True, labeltop=True, bottom=False, labelbottom=False, length=0, color=GREY)
+    axes.set_xticks(np.arange(len(columns) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(cases) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color="white", linewidth=0.7)
+    axes.tick_params(which="minor", length=0)
+    axes.spines[:].set_visible(False)
+    # Each name stands below its columns, with a line between one name and the next.
+    for place, name in columns["formulation"].drop_duplicates().items():
+        axes.text(place - 0.4, -0.01, name, fontsize=7.5, va="top", transform=axes.get_xaxis_transform(), color=BLACK)
+        if place:
+            axes.axvline(place - 0.5, color=BLACK, linewidth=1.5)

@@ -1,10 +1,15 @@
-"""A refocused light field: its stack, disparity and all-in-focus picture, computed when first used."""
+"""A refocused light field: its stack, disparity and all-in-focus picture, computed when first used; and its files.
+
+Every picture of a light field has the same brightness.
+"""
 
 import dataclasses
 import logging
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,17 +17,27 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
+from lfref.errors import InputError
 from lfref.geometry import FocalPlanes
-from lfref.io import images
+from lfref.io import disparity_files, images, video, write
 from lfref.lightfield import LightField
 from lfref.refocus import batches
 from lfref.refocus.disparity.disparity_map import CLEAR, DisparityMap, disparity_map, order_score
 from lfref.refocus.focus.all_in_focus import all_in_focus, extended_focus, index_to_slope
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.surface import per_pixel
 from lfref.refocuser import filling
+from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.report import pictures
 
 log = logging.getLogger(__name__)
+
+SHEET = "contact_sheet.png"
+POINT_CONFIDENCE = 0.4
+"""Least confidence of a point of the cloud: over half of a capture, 1 in 20 off by .07 px per view step at gloss."""
+SWEEP_SECONDS = 2.5
+"""Seconds from the first plane to the last, as far as `FRAME_RATES` allows."""
+FRAME_RATES = (3.0, 25.0)
 
 
 @dataclass(frozen=True)
@@ -51,11 +66,7 @@ def mean_of_views(field: LightField) -> Tensor:
 
 
 def brightening(field: LightField) -> float:
-    """Factor, at least 1, by which the pictures of a light field are brightened.
-
-    Samples that were encoded for looking at keep their brightness. Dark linear ones are brightened as far as
-    `common_exposure` says, but no further than where the share of clipped pixels grows.
-    """
+    """Factor, at least 1, by which dark linear pictures are brightened, as long as hardly more pixels clip."""
     if not field.is_linear or field.metadata.get("encoding", "linear") != "linear":
         return 1.0
     gain = pictures.common_exposure(mean_of_views(field).nan_to_num(0, 0, 0))
@@ -72,10 +83,7 @@ EDGE = 2  # pixels by which operators differ at the edge of what views show, fro
 
 
 def without_gaps(stack: Tensor, field: LightField, slopes: Tensor) -> Tensor:
-    """A stack [N, C, H, W] for pictures, at slopes [N]: pixels that no view shows continue those around them.
-
-    In a stack these pixels are black, such as the corners of a camera whose optics leave them black in all views.
-    """
+    """A stack [N, C, H, W] for pictures, at slopes [N]: black pixels that no view shows continue those around them."""
     if field.weight is None or bool((is_trusted := filling.trusted(field.weight)).any(0).any(0).all()):
         return stack
     share = shift_and_sum(is_trusted.to(torch.float32), slopes, positions=field.positions)
@@ -90,7 +98,6 @@ class Refocused:
 
     field: LightField
     stack: Tensor
-    """Refocused stack, [N, C, H, W]."""
     planes: FocalPlanes
     gain: float = 1.0
     """Factor of the brightness of all pictures."""
@@ -187,3 +194,70 @@ class Refocused:
         """Write an image [C, H, W] to a path without suffix."""
         path = path.with_name(f"{path.name}.{self.files.format}")
         images.write_image(path, self.picture(image), bits=self.files.bits, quality=self.files.quality)
+
+
+def write_results(folder: Path, refocused: Refocused, options: Iterable[str] = ()) -> None:
+    """Write stack, planes, contact sheet and mean of all views, and the results of options, keys of `OPTIONAL`."""
+    planes, files = refocused.planes, refocused.files
+    write.write_stack(folder / "stack.exr", refocused.stack, planes, overwrite=True)
+    shown = (refocused.picture(plane).transpose(2, 0, 1) for plane in refocused.shown)
+    form: dict[str, Any] = {"suffix": f".{files.format}", "bits": files.bits, "quality": files.quality}
+    write.write_pictures(folder / "planes", shown, planes, **form)
+    encoding = refocused.field.picture_encoding
+    images.write_image(folder / SHEET, pictures.contact_sheet(refocused.shown, planes.titles, refocused.gain, encoding))
+    refocused.save(folder / "all_views_mean", refocused.mean)
+    for name in options:
+        OPTIONAL[name](folder, refocused)
+
+
+def _all_in_focus(folder: Path, refocused: Refocused) -> None:
+    refocused.save(folder / "all_in_focus", refocused.sharp)
+    images.write_image(folder / "focus_map.png", refocused.disparity_picture)
+
+
+def _disparity(folder: Path, refocused: Refocused) -> None:
+    folder = folder / "disparity"
+    for name, values in zip(("disparity", "confidence"), refocused.disparity, strict=True):
+        array = values.float().cpu().numpy()
+        disparity_files.write_pfm(folder / f"{name}.pfm", array)
+        images.write_image(folder / f"{name}.exr", array[..., None])
+    images.write_image(folder / "confidence.png", array[..., None], bits=16)
+    images.write_image(folder / "map.png", refocused.disparity_picture)
+
+
+def _points(folder: Path, refocused: Refocused) -> None:
+    disparity, confidence = refocused.disparity
+    if not bool((confidence > POINT_CONFIDENCE).any()):
+        expected = f"{refocused.field.name} must have pixels of confident disparity"
+        raise InputError(expected, got="nothing for points.ply", remedy="leave points=true out")
+    cameras = disparity_files.Cameras.from_metadata(refocused.field.metadata)
+    coordinates, pixels, unit = disparity_files.points(refocused.nearness, confidence > POINT_CONFIDENCE, cameras)
+    # The colour of a point is the mean of all views at its own disparity, not a sample of one view.
+    per_point = OperatorRefocuser("per_pixel", per_pixel)
+    sharp = per_point.stack(refocused.field.views, refocused.field.weight, disparity)[0]
+    colours = _bytes(refocused.encoded(sharp))
+    properties = {"disparity": disparity[pixels].numpy(), "confidence": confidence[pixels].numpy()}
+    disparity_files.write_points(
+        folder / "points.ply", coordinates.numpy(), colours[pixels.numpy()], properties, [unit]
+    )
+
+
+def _sweep(folder: Path, refocused: Refocused) -> None:
+    frames = [_bytes(refocused.encoded(refocused.shown[n])) for n in refocused.by_slope]
+    rate = min(max(len(frames) / SWEEP_SECONDS, FRAME_RATES[0]), FRAME_RATES[1])
+    # There and back: the film begins again where it ends.
+    video.write_video(folder / "sweep.mp4", [*frames, *frames[-2:0:-1]], rate)
+
+
+def _bytes(shown: NDArray[np.float32]) -> NDArray[np.uint8]:
+    return np.rint(255 * shown).astype(np.uint8)
+
+
+Result = Callable[[Path, Refocused], None]
+OPTIONAL: dict[str, Result] = {
+    "all_in_focus": _all_in_focus,
+    "video": _sweep,
+    "disparity": _disparity,
+    "points": _points,
+}
+"""Option of `lfref refocus` -> its result."""

@@ -1,4 +1,8 @@
-"""Sections of the report page, made from the files in run folders; a multirun of trainings is a table of variants."""
+"""Sections of the report page, made from the files in run folders.
+
+A multirun of trainings is an ablation. A variant is the jobs whose overrides differ in nothing but the seed;
+differences are paired: variant less reference, seed by seed.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -6,14 +10,16 @@ from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
+from scipy import stats
 
 from lfref.bench import accuracy
 from lfref.bench.timing import FFT
-from lfref.errors import FileError
-from lfref.report import answers, crops, plots, stability_table, sweeps, tables
+from lfref.errors import FileError, counted
+from lfref.io import run as runs
+from lfref.io.run import METRICS, Run
+from lfref.report import answers, plots, tables
 from lfref.report.page import Section
 
-METRICS = "log/metrics.csv"
 PATCHES = (
     "Held-out patches after the last epoch, the worst on the left and the best on the right; a row for each plane: "
     "label, prediction, and 4 times their difference"
@@ -24,12 +30,14 @@ ACCURACY_COLUMNS = [
     "nonzero_ssim", "delta_e", "brightness_error", "whole_psnr_db", "exact_psnr_db",
 ]  # fmt: skip
 SUMMARY_COLUMNS = ["mpsnr_db", "mssim", "nonzero_mpsnr_db", "nonzero_mssim", "colour_error"]
-"""Columns of a summary whose means over light fields are shown."""
 EXPLAINED = (
     "Explained is the share of the squared error of mean_of_views, no refocusing at all, that a method takes away, "
     "without slope 0, where a sum of views is that mean: near focus up to slope 0.5, wide blur from 3. A method is "
     "left out where it is its own reference. "
 )
+LEVEL = 0.95
+PLACES = (*runs.FOLDERS, "logger", "callbacks", "seed")
+"""First names of keys that change no result, and the seed."""
 
 
 def sections(folders: Sequence[Path]) -> list[Section]:
@@ -86,7 +94,7 @@ def evaluation(folder: Path) -> Section:
 
 def _answered(folder: Path, answer: answers.Answer | None) -> dict[str, Any]:
     """The answer and the crops of a section."""
-    return {} if answer is None else {"answer": answer.sentence, "crops": crops.read(folder, answer)}
+    return {} if answer is None else {"answer": answer.sentence, "crops": answers.read_crops(folder, answer)}
 
 
 def refocusing(folder: Path) -> Section:
@@ -160,14 +168,127 @@ def operators(folder: Path) -> Section:
     return Section("Costs of operators", text, tables=listed, answer=answer)
 
 
+def hard_cases(folder: Path) -> Section:
+    """The heat maps, and the number of trials by outcome, of `lfref bench suite=stability`."""
+    columns = ("component", "case", "precision", "formulation", "times_allowed", "outcome", "note")
+    trials = tables.read_table(folder / "stability.csv", *columns)
+    text = (
+        "Every component on every hard case in every precision, against a reference formula in float64. Orange is "
+        "beyond the tolerance, black is NaN or infinity in the value or in the gradient."
+    )
+    is_ours = trials["formulation"] == "lfref"
+    held, failed = is_ours & (trials["outcome"] == "holds"), trials[is_ours & (trials["outcome"] != "holds")]
+    names = [trials["component"], trials["formulation"]]
+    listed = {"Trials by outcome": pd.crosstab(names, trials["outcome"]).reset_index()}
+    if len(failed):
+        listed["Our trials that fail"] = failed[["component", "case", "precision", "outcome", "times_allowed", "note"]]
+    answer = f"{held.sum()} of {is_ours.sum()} trials of lfref hold."
+    return Section("Hard cases", text, plots.heat_maps(trials), listed, answer=answer)
+
+
+def sweep(folder: Path) -> Section:
+    """The section of a sweep; the variant of its first job is the reference."""
+    jobs = [
+        Run(path.parent) for path in sorted(folder.glob(f"*/{runs.CONFIG}"), key=lambda path: (len(str(path)), path))
+    ]
+    finished = [job for job in jobs if job.is_finished]
+    text = f"{len(finished)} of {counted(len(jobs), 'job')} finished."
+    if unfinished := ", ".join(job.name for job in jobs if not job.is_finished):
+        text += f" Without an end: {unfinished}."
+    if not finished:
+        return Section(f"Sweep: {folder.name}", text)
+    table = summary(single_runs(finished))
+    text += (
+        " MPSNR is the best of a run's validations, against its own labels: mean and standard deviation over seeds, "
+        f"and the difference from {table['variant'].iloc[0]}, seed by seed, with the ends of its 95 % paired t "
+        "interval. Of 20 variants without an effect, about one has an interval without 0."
+    )
+    listed = {"By what varies": table}
+    return Section(f"Sweep: {folder.name}", text, tables=listed, files={"sweep.csv": table}, answer=best_setting(table))
+
+
+def single_runs(jobs: Sequence[Run]) -> pd.DataFrame:
+    """One row for each job: variant, seed, best validation, difference from the first variant, size and time."""
+    # Of each job, the overrides that may change the result: key -> value.
+    options = []
+    for job in jobs:
+        words = {runs.key_of(word): word.partition("=")[2] for word in job.overrides}
+        options.append({key: value for key, value in words.items() if key.partition(".")[0] not in PLACES})
+    known = dict.fromkeys(key for each in options for key in each)
+    keys = [key for key in known if len({each.get(key) for each in options}) > 1]
+    rows = []
+    for job, each in zip(jobs, options, strict=True):
+        varied = [f"{key}={each[key]}" if key in each else f"no {key}" for key in keys]
+        log, record = pd.DataFrame(job.metrics).dropna(subset="val/mpsnr"), job.training
+        best = log.loc[log["val/mpsnr"].idxmax()]
+        rows.append(
+            {
+                "variant": ", ".join(varied) or "all jobs",
+                "seed": job.config.get("seed", 0),
+                "best_mpsnr_db": best["val/mpsnr"],
+                "mssim": best["val/mssim"],
+                "n_parameters": record["n_parameters"],
+                "seconds": record["seconds"],
+            }
+        )
+    table = pd.DataFrame(rows)
+    is_first = table["variant"] == table["variant"].iloc[0]
+    base = table[is_first].groupby("seed")["best_mpsnr_db"].mean()
+    table["difference_db"] = (table["best_mpsnr_db"] - table["seed"].map(base)).mask(is_first)
+    return table
+
+
+def t_interval(values: Sequence[float]) -> tuple[float, float]:
+    """The interval of the mean of independent values by Student's distribution (1908); NaN for fewer than two."""
+    series = pd.Series(values, dtype=float)
+    low, high = stats.t.interval(LEVEL, len(series) - 1, series.mean(), series.sem())
+    return float(low), float(high)
+
+
+def summary(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row for each variant: means over its seeds, and its paired difference from the first, with intervals."""
+    found = []
+    for variant, jobs in rows.groupby("variant", sort=False):
+        values = jobs.groupby("seed")[["best_mpsnr_db", "difference_db"]].mean()
+        differences = values["difference_db"].dropna()
+        low, high = t_interval(differences.tolist())
+        found.append(
+            {
+                "variant": variant,
+                "seeds": len(values),
+                "mean_db": values["best_mpsnr_db"].mean(),
+                "std_db": values["best_mpsnr_db"].std(),
+                "difference_db": differences.mean(),
+                "difference_low_db": low,
+                "difference_high_db": high,
+                "mssim": jobs["mssim"].mean(),
+                "parameters": jobs["n_parameters"].iloc[0],
+                "training_minutes": jobs["seconds"].mean() / 60,
+            }
+        )
+    return pd.DataFrame(found)
+
+
+def best_setting(table: pd.DataFrame) -> str:
+    """The best setting, and how far it is from the reference, in a sentence."""
+    place = int(table["mean_db"].to_numpy().argmax())
+    best, reference = table.iloc[place].to_dict(), table["variant"].iloc[0]
+    words = f"Best of {counted(len(table), 'setting')}: {best['variant']}, with {best['mean_db']:.2f} dB over "
+    words += counted(int(best["seeds"]), "seed")
+    if place == 0:
+        return f"{words}, the reference."
+    certain = "" if best["difference_low_db"] > 0 else ", which seeds alone may explain"
+    return f"{words}, {best['difference_db']:.2f} dB above the reference ({reference}){certain}."
+
+
 MAKERS: dict[str, Callable[[Path], Section]] = {
     METRICS: training,
-    f"*/{METRICS}": sweeps.section,
+    f"*/{METRICS}": sweep,
     "summary.csv": evaluation,
     "bench.csv": benchmark,
     "causes.csv": error_causes,
     "operators.csv": operators,
-    "stability.csv": stability_table.hard_cases,
+    "stability.csv": hard_cases,
     "contact_sheet.png": refocusing,
     "*/contact_sheet.png": refocusing,
 }

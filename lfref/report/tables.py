@@ -25,14 +25,12 @@ NAMES = (
     "light_field", "method", "reference", "class", "scene", "worst_scene", "worst_plane", "cause", "component", "case",
     "precision", "formulation", "outcome", "job", "seed",
 )  # fmt: skip
-"""Columns of names."""
 HEADINGS = {
     "alpha": "\N{GREEK SMALL LETTER ALPHA}",
     "slope": "Slope (px/view)",
     "delta_e": "\N{GREEK CAPITAL LETTER DELTA}E 2000",
     "numpy_ffts": "Time (NumPy 4-D FFTs)",
 }
-"""Headings that do not follow from the column's name."""
 UPPER = re.compile(r"\bm?(psnr|ssim)\b|\bp[19]0\b")
 
 
@@ -71,16 +69,14 @@ def format_cell(column: str, value: Any) -> str:
         return DASH
     if not isinstance(value, Real) or isinstance(value, bool) or column in NAMES:
         return str(value)
-    return _number(column, value).replace("-", MINUS).replace("inf", "∞")
-
-
-def _number(column: str, value: Any) -> str:
+    number: Any = value  # mypy compares no Real with a float
     if column.endswith("_db"):
-        return f"≥ {CAP_DB:.0f}" if value >= CAP_DB else f"{value:.2f}"
-    if column.endswith("_s"):
-        return f"{1000 * value:.4g}"
-    is_whole = isinstance(value, Integral) or 1e4 <= abs(value) < 1e15
-    return f"{value:,.0f}" if is_whole else f"{value:.4g}"
+        text = f"≥ {CAP_DB:.0f}" if number >= CAP_DB else f"{number:.2f}"
+    elif column.endswith("_s"):
+        text = f"{1000 * number:.4g}"
+    else:
+        text = f"{number:,.0f}" if isinstance(value, Integral) or 1e4 <= abs(number) < 1e15 else f"{number:.4g}"
+    return text.replace("-", MINUS).replace("inf", "∞")
 
 
 def write_table(path: str | Path, rows: pd.DataFrame | Iterable[Mapping[str, object]]) -> None:

@@ -82,11 +82,7 @@ class Bitmap:
     _blurred: dict[int, Tensor] = field(default_factory=dict)
 
     def window(self, size: tuple[int, int], margin: int = 0) -> Tensor:
-        """The samples under the H x W pixels of the central view and a margin of pixels around it.
-
-        The first of each pixel's samples is at its middle; beyond the bitmap its outermost samples repeat.
-        Result: [C, OVERSAMPLING (H + 2 margin), OVERSAMPLING (W + 2 margin)].
-        """
+        """The samples under the central view and a margin of pixels, each pixel's first at its middle, [C, h, w]."""
         rows, columns = (
             (torch.arange((length + 2 * margin) * OVERSAMPLING) - OVERSAMPLING * margin - (length - 1) - start).clamp(
                 0, end - 1
@@ -158,10 +154,7 @@ class CopyBlur(NamedTuple):
 
 
 def refined(samples: Tensor) -> Tensor:
-    """Samples [4, h, w] at half their distance, [4, 2h, 2w], as cubic look-ups of a view read them, without overshoot.
-
-    Sample m of an axis becomes sample 2m, and what lies midway between m and m + 1 becomes sample 2m + 1.
-    """
+    """Samples [4, h, w] at half their distance, [4, 2h, 2w], as cubic look-ups read them, without overshoot."""
     for axis in (1, 2):
         index = torch.arange(samples.shape[axis])
         before, after, last = (
@@ -207,10 +200,7 @@ def box_mean(samples: Floats, size: int, result: Floats) -> None:
 
 
 def sharpened(samples: Tensor) -> Tensor:
-    """Sharpen along each axis, to undo the blur of linear look-ups, whose variance is LINEAR_VARIANCE.
-
-    Samples at the border are repeated: [h, w, C] -> [h + 2, w + 2, C].
-    """
+    """Undo the blur of linear look-ups, of LINEAR_VARIANCE; edge samples repeat: [h, w, C] -> [h + 2, w + 2, C]."""
     for axis in (0, 1):
         length = samples.shape[axis]
         index = torch.arange(-1, length + 1)
@@ -249,20 +239,14 @@ def cubic_on_grid(bitmap: Tensor, i: Tensor, j: Tensor) -> Tensor:
 
 
 def clip_premultiplied(rgba: Tensor) -> Tensor:
-    """Premultiplied RGBA [..., 4, H, W] without the overshoot of a cubic: no colour below 0, opacity at most 1.
-
-    Where opacity exceeds 1, colours are scaled down with it, so that edges of a surface do not shine.
-    """
+    """Premultiplied RGBA [..., 4, H, W] without overshoot: colours are scaled down where opacity exceeds 1."""
     alpha = rgba.narrow(-3, 3, 1)
     return torch.where(alpha > 0, rgba.clamp(min=0) / alpha.clamp(min=1), 0)
 
 
 @inlined
 def cubic_sample(samples: Floats, start: int, rows: int, columns: int, i: float, j: float) -> Quadruple:
-    """Four channels at column i and row j of a bitmap of `rows` x `columns` samples, whose first value is at `start`.
-
-    `samples` holds bitmaps one after the other, the channels of a sample side by side.
-    """
+    """Four channels at column i and row j of a bitmap in a flat array, [rows, columns, 4], that begins at `start`."""
     column, row = np.floor(i), np.floor(j)
     across, down = _cubic_weights_of_one(np.float32(i - column)), _cubic_weights_of_one(np.float32(j - row))
     # Positions far outside are clamped while they are floats: an int would overflow.

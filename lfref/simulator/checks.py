@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+import re
 import types
 from typing import Annotated, Any, ClassVar, get_args, get_origin, get_type_hints
 
@@ -18,8 +19,7 @@ Seed = Annotated[int, 0, math.inf]
 class Description:
     """A part of a scene; subclasses are frozen dataclasses.
 
-    Lists, as yaml gives them, become tuples. A value that does not fit the type of its field raises InputError, and so
-    does a number that is not finite.
+    Lists become tuples; values that do not fit the type of their field, and NaN or infinity, raise InputError.
     """
 
     lengths: ClassVar[tuple[str, ...]] = ()
@@ -31,7 +31,9 @@ class Description:
             value = _as_tuple(getattr(self, name))
             object.__setattr__(self, name, value)
             if not _fits(value, hint):
-                raise InputError(f"{kind.__name__}.{name} must be {_text(hint)}", got=repr(value))
+                text = hint.__name__ if isinstance(hint, type) else str(hint)
+                text = re.sub(r"typing.Annotated\[(\w+), ([^,]+), ([^]]+)\]", r"\1 from \2 to \3", text)
+                raise InputError(f"{kind.__name__}.{name} must be {text}", got=repr(value))
 
 
 @functools.cache
@@ -57,13 +59,3 @@ def _fits(value: Any, hint: Any) -> bool:
         hints = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
         return len(value) == len(hints) and all(map(_fits, value, hints))
     return isinstance(value, int | float) and math.isfinite(value) if hint is float else isinstance(value, hint)
-
-
-def _text(hint: Any) -> str:
-    """A type and its limits in words."""
-    if get_origin(hint) is Annotated:
-        kind, low, high = get_args(hint)
-        return f"{kind.__name__} from {low:g} to {high:g}"
-    if get_origin(hint) is tuple:
-        return f"({', '.join('...' if part is Ellipsis else _text(part) for part in get_args(hint))})"
-    return hint.__name__ if isinstance(hint, type) else str(hint)

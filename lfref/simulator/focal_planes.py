@@ -5,8 +5,6 @@ equal cells that are nearly square. Each cell shows every surface as it looks fr
 distance that the surface moves within the cell: a box of |e| times the cell's side. In the plane of slope s, a bitmap
 of disparity d that faces the camera is read at x + e p, where e = s - d. All aperture points together therefore see the
 part of the bitmap under the central view, and a margin around that part.
-The module stands apart from `truth`, which alone uses it, because it decides how exact a truth is. Its choices are
-tested by numbers, not by pictures.
 Letters: `p q` aperture column and row in view steps, `J I` rows and columns of cells, `e` relative slope in pixels per
 view step, `K` layers from far to near, `h w` rows and columns in samples, `T` steps of |e|.
 """
@@ -40,8 +38,7 @@ pixels, `twigs`, `leaves` and `wall` keep 0.52, 0.42 and 0.39 of it; with 24 cel
 FEWEST_CELLS = 6
 """Even number of cells below which nothing can be extrapolated: half as many are far too few."""
 CELLS_OF_ONE_LAYER = 48
-"""Number of cells along a side for a single layer that is only shifted. The cells cost nothing, since their sum is one
-filter."""
+"""Number of cells along a side for a single layer that is only shifted; their sum is one filter and costs nothing."""
 CELLS_OF_ONE_TRACED_LAYER = (5.5, 0.25)
 """Factor k and power a of the number of cells k B^a for a single layer whose rays are followed: it hides nothing, and
 only its blur varies within a cell. With it, `floor` and `dome` of sim30 are 85 to 92 dB from 64 x 64 points."""
@@ -131,19 +128,11 @@ class CellFilter(NamedTuple):
     columns: NDArray[np.float64]  # column that pixel 0 reads through each column of cells, [I]
 
 
-def cell_filter(e: float, cells: Cells, margin: int) -> CellFilter:
-    """The filter of a bitmap of relative slope e, in a window with `margin` pixels around the central view."""
-    rows, columns = (FINE * (margin + e * centres.numpy()) for centres in (cells.q, cells.p))
-    speed = FINE * abs(e)
-    return CellFilter(box_taps(speed * cells.height, rows), box_taps(speed * cells.width, columns), rows, columns)
-
-
 def box_taps(width: float, positions: NDArray) -> NDArray:
     """Taps of sum 1, symmetric and odd in number, that act as a box of some width in samples.
 
-    The box is integrated over each sample. This integration and the linear look-ups at `positions` add a little blur. A
-    kernel (-excess / 2, 1 + excess, -excess / 2) removes its variance, so that taps and look-ups together have the
-    variance of the box, width^2 / 12.
+    Integrating the box over samples, and linear look-ups at `positions`, add a little blur. A kernel (-excess / 2,
+    1 + excess, -excess / 2) removes its variance, so that all have that of the box, width^2 / 12.
     """
     half = max(width, 1) / 2
     # Sample n covers n - 1/2 to n + 1/2: its tap is the part of this range within the box.
@@ -220,7 +209,10 @@ class FocalPlane:
 
     def filter(self, disparity: float) -> CellFilter:
         """The filter of a bitmap that faces the camera."""
-        return cell_filter(self.slope - disparity, self.cells, self.margin)
+        e, cells = self.slope - disparity, self.cells
+        rows, columns = (FINE * (self.margin + e * centres.numpy()) for centres in (cells.q, cells.p))
+        speed = FINE * abs(e)
+        return CellFilter(box_taps(speed * cells.height, rows), box_taps(speed * cells.width, columns), rows, columns)
 
     def crosses(self) -> NDArray[np.bool_]:
         """Pairs of layers that cross, [K, K]."""
@@ -244,10 +236,7 @@ class FocalPlane:
         return CopyBlur(bitmaps.levels(box - look_ups), (n_steps - 1) / float(e[-1]), nearest, self.slope)
 
     def read_box(self, layer: Layer, levels: range) -> tuple[int, int, int, int]:
-        """Top, left, bottom and right, in samples, of what rays read of some blurred copies of a layer.
-
-        Nothing lies beyond the copies but their edges, repeated. At least two samples are left along each axis.
-        """
+        """Top, left, bottom and right, in samples, of what rays read of blurred copies of a layer, at least two."""
         near, far = disparity_span(self.camera, layer.surface.geometry, abs(self.slope))
         farthest = max(abs(self.slope - near), abs(self.slope - far))
         canvas, margin, ends = layer.bitmap.canvas, max(map(bitmaps.margin, levels)), []
@@ -299,11 +288,7 @@ def _crossing(layers: Sequence[Layer], camera: Camera, slope: float) -> list[tup
 
 
 def visible_layers(layers: Sequence[Layer], slope: float, windows: Windows) -> tuple[Layer, ...]:
-    """Layers that contribute to a plane: neither transparent all over, nor behind a layer that is opaque all over.
-
-    Only the part that this plane sees of a layer counts. A layer that crosses an opaque layer is in front of it
-    somewhere.
-    """
+    """Layers that contribute to a plane: neither transparent nor behind an opaque layer in the part that it sees."""
     crossing = _crossing(layers, windows.camera, slope)
     visible: list[int] = []
     opaque: list[int] = []

@@ -94,10 +94,7 @@ def _half_size(camera: Camera, reach: float) -> Extent:
 
 
 def disparity_lead(near: Geometry, far: Geometry, within: Extent) -> tuple[float, float]:
-    """Bounds of the difference between the disparities of two surfaces, over a part of the central view.
-
-    Planes differ most at a corner of that part. Bumps may lie anywhere, so that their whole heights are added.
-    """
+    """Bounds of the difference between the disparities of two surfaces, over a part of the central view."""
     one, other = near.form, far.form
     middle = one.disparity - other.disparity
     spread = abs(one.a - other.a) * within[0] + abs(one.b - other.b) * within[1]

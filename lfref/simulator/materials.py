@@ -29,8 +29,7 @@ class Emissive(Material):
 class Glossy(Material):
     """A material with a round highlight that moves over the surface with the aperture point.
 
-    The light of the highlight is strength * exp(-r^2 / (2 width^2)), where r is the distance of (X, Y) from the point
-    centre + drift (p, q).
+    Its light is strength * exp(-r^2 / (2 width^2)), r being the distance of (X, Y) from centre + drift (p, q).
     """
 
     lengths = ("width", "drift", "centre")

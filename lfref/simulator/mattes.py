@@ -25,7 +25,6 @@ EDGE = 0.5
 """Half the width of an edge in pixels."""
 AtLeastEdge = Annotated[float, EDGE, math.inf]
 Segment = tuple[float, float, float, float]
-"""A straight line from (X, Y) to (X, Y)."""
 
 
 class Outline(checks.Description, abc.ABC):

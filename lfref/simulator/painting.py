@@ -25,17 +25,16 @@ from lfref.simulator.textures import Flat
 
 
 def paint(scene: Scene, reach: float = 0.0) -> list[Layer]:
-    """Layers of all visible surfaces from far to near (by their mean disparity), large enough for every aperture point.
-
-    `reach` is the greatest |slope|, in pixels per view step, at which the layers will be refocused.
-    """
-    painted: list[Layer] = planner.plan(passes(scene, reach), ["layers"]).run()["layers"]
+    """Layers of all visible surfaces from far to near, large enough to be refocused at slopes of up to `reach`."""
+    painted: list[Layer] = planner.run(passes(scene, reach), ["layers"])[0]["layers"]
     return painted
 
 
 def passes(scene: Scene, reach: float = 0.0, force: bool = False) -> list[Pass]:
     """The passes that turn a scene into the result `layers`; with `force` each one changes all layers."""
-    order, visible, crossing = far_to_near(scene), visible_surfaces(scene, reach), crossing_surfaces(scene, reach)
+    order, visible = far_to_near(scene), visible_surfaces(scene, reach)
+    pairs = layers.crossing_pairs([scene.surfaces[index].geometry for index in visible], scene.camera, reach)
+    crossing = {visible[rank] for pair in pairs for rank in pair}
 
     def paint_colours(indices: Sequence[int]) -> list[Layer]:
         painted = []
@@ -125,13 +124,6 @@ def visible_surfaces(scene: Scene, reach: float) -> list[int]:
         for rank, far in enumerate(order)
         if not any(hides(surfaces[near], surfaces[far]) for near in order[rank + 1 :])
     ]
-
-
-def crossing_surfaces(scene: Scene, reach: float) -> set[int]:
-    """Indices of the visible surfaces that cross another visible surface."""
-    visible = visible_surfaces(scene, reach)
-    pairs = layers.crossing_pairs([scene.surfaces[index].geometry for index in visible], scene.camera, reach)
-    return {visible[rank] for pair in pairs for rank in pair}
 
 
 def reachable_canvas(camera: Camera, geometry: Geometry, reach: float, surface: Surface | None = None) -> Canvas:

@@ -101,8 +101,7 @@ def ray_layers(
 def visible_box(entry: AtlasEntry, reads: int, density: int) -> Box:
     """The box, in pixels, of the points whose look-ups read samples that are not transparent.
 
-    A look-up reads `reads` samples, `density` of them per pixel, on either side of its point. Edge samples repeat
-    beyond a bitmap: towards an edge with a visible sample, the box has no limit.
+    A look-up reads `reads` samples on either side. Towards an edge with a visible sample, which repeats, it is endless.
     """
     margin = (reads + 1) / density  # one sample more for rounding
     is_visible = entry.opacity != 0
@@ -128,10 +127,7 @@ def rays_of_row(p: float, q: float, slope: float, cell: float, y: int, picture: 
 
 @compiled
 def visible_pixels(layers: RayLayers, k: int, row: RayRow, width: int) -> tuple[int, int]:
-    """First pixel of a row at which a layer may be visible, and one past the last.
-
-    The ray of pixel x meets the layer at X = x - D p: the box of its bitmap, moved by the least and greatest D p.
-    """
+    """First pixel of a row at which a layer may be visible, and one past the last: its box, moved by D p."""
     near, far = layers.spans[k, 0], layers.spans[k, 1]
     left, top, right, bottom = layers.boxes[k, 0], layers.boxes[k, 1], layers.boxes[k, 2], layers.boxes[k, 3]
     # The row meets the layer at Y = y - D q, D anywhere in its span.
@@ -186,8 +182,7 @@ def intersect(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int, at:
 def add_highlight(layers: RayLayers, k: int, row: RayRow, begin: int, stop: int, at: Float64s, rgba: Floats) -> None:
     """Add the highlight of layer k to `rgba` [4, W] at the points that `intersect` found.
 
-    Within a cell the highlight moves over the picture by (e - drift) times the cell's width, where e is the relative
-    slope, and is blurred by a box of that width.
+    Within a cell it moves by (e - drift) times the cell's width, e the relative slope, and is blurred by such a box.
     """
     lobe = layers.highlights[k]
     width, drift = lobe[3], lobe[4]
@@ -218,10 +213,7 @@ def composite_over(rgba: Floats, begin: int, stop: int, radiance: Floats) -> Non
 
 @compiled
 def composite_by_depth(rgba: Floats, disparities: Float64s, order: Integers, radiance: Floats) -> None:
-    """Fill `radiance` [3, W] with layers, at each pixel in the order of their disparities [K, W].
-
-    `rgba` [K, 4, W] is 0 where a layer is not visible; `order` [K] is scratch memory.
-    """
+    """Fill `radiance` [3, W] with layers [K, 4, W] in the order of their disparities [K, W]; `order` [K] is scratch."""
     one = rgba.dtype.type(1)
     for x in range(radiance.shape[1]):
         # Insertion sort of the layers that are not transparent: there are few, mostly in order already.
@@ -283,9 +275,3 @@ def _occlude(
             spread = abs(e) * row.cell * np.sqrt(across * across + down * down)
             before = min(max(0.5 + lead / spread, 0.0), 1.0) if abs(lead) < spread else before
         passed[x] *= 1 - passed.dtype.type(before) * opacity[x]
-
-
-@inlined
-def sample_position(atlas: Atlas, n: int, at_x: float, at_y: float) -> tuple[float, float]:
-    """Column and row of a point (X, Y) in bitmap n of the atlas, in samples."""
-    return at_x * atlas.density - atlas.frames[n, 4], at_y * atlas.density - atlas.frames[n, 3]

@@ -93,8 +93,6 @@ class Scene(checks.Description):
         for surface in self.surfaces:
             change = sum(slope * side for slope, side in zip(surface.geometry.steepness(), half, strict=True))
             if change > STEEPEST:
-                raise InputError(
-                    f"disparity may change by {STEEPEST:g} / (half the views) a pixel at most",
-                    got=f"{change:.3g} a pixel times half the views, {surface.geometry}",
-                    remedy="use a flatter surface or fewer views",
-                )
+                expected = f"disparity may change by {STEEPEST:g} / (half the views) a pixel at most"
+                got, remedy = f"{change:.3g} of {surface.geometry}", "use a flatter surface or fewer views"
+                raise InputError(expected, got=got, remedy=remedy)

@@ -51,10 +51,7 @@ class Scenes(abc.ABC):
 
 @dataclass(frozen=True)
 class Fixed(Scenes):
-    """The same scenes one after the other, then again from the first scene, with other textures and noise.
-
-    In the first round of epoch 0 the seed is added to their own seeds: seed 0 gives the scenes as they are.
-    """
+    """The same scenes again and again with other textures and noise; seed 0 gives them as they are first."""
 
     scenes: tuple[Scene, ...]  # at least one, of different names
 
@@ -147,13 +144,6 @@ TEXTURES: tuple[Callable[[RandomDraws, Tone], Texture], ...] = (
 """Functions that draw a texture, equally likely; six draw noise, since most textures in photographs are irregular."""
 
 
-def random_outline(draws: RandomDraws, camera: Camera) -> Outline:
-    """The outline of an island in the picture."""
-    # The radius of a disc that covers 10 to 35 % of the picture.
-    radius = (draws.uniform(0.1, 0.35) * camera.size[0] * camera.size[1] / math.pi) ** 0.5
-    return draws.choice(OUTLINES)(draws, camera, max(radius, 1.0))
-
-
 def _polygon(draws: RandomDraws, camera: Camera, radius: float) -> Outline:
     (x, y), n_corners, turn = draws.point(camera), draws.integer(3, 9), draws.uniform(0, 2 * math.pi)
     corners = []
@@ -182,15 +172,6 @@ OUTLINES: tuple[Callable[[RandomDraws, Camera, float], Outline], ...] = (
     _perforated,
 )
 """Functions that draw an outline, equally likely; the lattice is there only once, since it covers the whole picture."""
-
-
-def random_dome(draws: RandomDraws, camera: Camera, disparity: float, bulge: Range) -> Dome:
-    """A bump or hollow on a plane of some disparity, no higher than `Scene` allows for the camera."""
-    radius = max(camera.size) * draws.uniform(0.2, 0.6)
-    # The steepness of a dome is proportional to its height.
-    limit = 0.9 * STEEPEST / sum(Dome(0.0, 1.0, radius).steepness()) * 2 / sum(camera.half_aperture)
-    height = max(-limit, min(limit, draws.uniform(*bulge)))
-    return Dome(disparity, height, radius, draws.point(camera))
 
 
 def _glossy(draws: RandomDraws, tone: Tone, camera: Camera, disparities: Range) -> Material:
@@ -271,8 +252,7 @@ RANDOM_EFFECTS: dict[str, Callable[[RandomSensor, RandomDraws], Any]] = {
 class RandomScenes(checks.Description, Scenes):
     """Random scenes: a full background, and islands of all outlines in front of it.
 
-    Shares are parts of all surfaces, from 0 to 1. An option of share 0 draws no random number, so that scenes without
-    it stay as they were before it existed.
+    Shares are parts of all surfaces, from 0 to 1; an option of share 0 draws no random number.
     """
 
     camera: Camera = Camera()  # noqa: RUF009  frozen
@@ -323,8 +303,16 @@ class RandomScenes(checks.Description, Scenes):
         slants = (draws.uniform(-self.slant, self.slant), draws.uniform(-self.slant, self.slant))
         geometry: Geometry = Plane(disparity, slants)
         if draws.happens(self.domes):
-            geometry = random_dome(draws, self.camera, disparity, self.bulge)
-        matte = random_outline(draws, self.camera) if is_island else Full()
+            radius = max(self.camera.size) * draws.uniform(0.2, 0.6)
+            # No higher than `Scene` allows for the camera: the steepness of a dome is proportional to its height.
+            limit = 0.9 * STEEPEST / sum(Dome(0.0, 1.0, radius).steepness()) * 2 / sum(self.camera.half_aperture)
+            height = max(-limit, min(limit, draws.uniform(*self.bulge)))
+            geometry = Dome(disparity, height, radius, draws.point(self.camera))
+        matte: Outline = Full()
+        if is_island:
+            # The radius of a disc that covers 10 to 35 % of the picture.
+            radius = (draws.uniform(0.1, 0.35) * math.prod(self.camera.size) / math.pi) ** 0.5
+            matte = draws.choice(OUTLINES)(draws, self.camera, max(radius, 1.0))
         if self.pictures and draws.uniform() < 0.5:
             path = draws.choice(self.pictures)
             texture: Texture = Picture(path, max(self.camera.size) * draws.uniform(1, 2))

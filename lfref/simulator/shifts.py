@@ -3,7 +3,7 @@
 A shift is the same for all pixels of a view, so that it is carried out axis by axis. Four rows of the bitmap become one
 interpolated line, once for all views of a view row; four stretches of that line become a row of pixels of one view.
 With two samples per pixel, a pixel reads every other column of a line: even and odd columns are kept apart, so that
-every inner loop runs over neighbours in memory. The module holds compiled code of `views`, which alone uses it.
+every inner loop runs over neighbours in memory.
 Letters: `v u` view row and column, `c` channel, `y x` pixel, `h w` rows and columns of the bitmap in samples.
 """
 
@@ -46,14 +46,11 @@ def shift_taps(first: Tensor) -> ShiftTaps:
     return ShiftTaps((whole.long() - 1).numpy(), weights.numpy())
 
 
-def untrimmed(samples: NDArray[np.float32]) -> TrimmedBitmap:
-    """A bitmap [C, h, w] that is not transparent anywhere."""
-    height, width = samples.shape[1:]
-    return TrimmedBitmap(samples, np.zeros(height, np.int64), np.full(height, width))
-
-
-def trimmed(samples: NDArray[np.float32]) -> TrimmedBitmap:
+def trimmed(samples: NDArray[np.float32], is_opaque: bool) -> TrimmedBitmap:
     """A bitmap [4, h, w] with the part of each row whose opacity, the last channel, is not 0."""
+    if is_opaque:
+        height, width = samples.shape[1:]
+        return TrimmedBitmap(samples[:3], np.zeros(height, np.int64), np.full(height, width))
     is_visible = samples[3] != 0
     width = is_visible.shape[1]
     begins = np.where(is_visible.any(axis=1), is_visible.argmax(axis=1), width)
@@ -64,10 +61,7 @@ def trimmed(samples: NDArray[np.float32]) -> TrimmedBitmap:
 def composite_shifted(
     bitmap: TrimmedBitmap, across: ShiftTaps, down: ShiftTaps, picture: Float32s, top: int, end: int
 ) -> None:
-    """Lay a surface over the rows from `top` to before `end` of all views, `picture` [V, U, 3, H, W].
-
-    `across` are the look-ups of the view columns, `down` of the view rows.
-    """
+    """Lay a surface over rows of views [V, U, 3, H, W], by the look-ups of view columns (`across`) and rows."""
     lines = np.zeros((bitmap.samples.shape[0], 2, bitmap.samples.shape[2] // 2 + 2 * PAD), np.float32)
     row = np.empty((2, picture.shape[4]), np.float32)
     for y in range(top, end):

@@ -1,13 +1,9 @@
 """sim30: thirty fixed scenes with everything that the simulator can show, the counterpart of the 30 Scenes test set.
 
 Their disparities lie among the slopes of the paper's planes in either convention, most of them between -1 and 0.5
-pixels per view step. Figures are comparable only between equal `VERSION`s.
-`WIDE` are ten more scenes, of wide baselines, and no part of the thirty.
-
-Without their sensors, the scenes are still thirty different ones. In version 1, painted surfaces have no frequencies
-above half a cycle per pixel. In version 2, cameras average over several samples per pixel, so that textures and edges
-have higher frequencies and views alias, as in photographs.
-The module stands alone, since its scenes must stay as they are.
+pixels per view step. Figures are comparable only between equal `VERSION`s. In version 1, painted surfaces have no
+frequencies above half a cycle per pixel. In version 2, cameras average over several samples per pixel, so that textures
+and edges have higher ones and views alias, as in photographs. `WIDE` are ten more scenes, of wide baselines.
 """
 
 import dataclasses
@@ -169,7 +165,6 @@ SCENES: dict[str, Scene] = {
         ),
     )
 }
-"""The scenes of version 1 by name, in their order."""
 
 
 def _wide(name: str, grid: tuple[int, int], size: tuple[int, int], ends: tuple[float, float], *shares: float) -> Scene:
@@ -209,39 +204,27 @@ WIDE: dict[str, Scene] = {
 """Scenes whose views lie far apart, as those of camera arrays and gantries; they have no sensor. By name."""
 ALIASED = 2
 """Samples along each axis of a pixel in version 2: details end at one cycle per pixel."""
-
-
-def _aliased(scene: Scene) -> Scene:
-    return dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, samples=ALIASED))
-
-
-VERSIONS: dict[str, dict[str, Scene]] = {"1": SCENES, "2": {name: _aliased(scene) for name, scene in SCENES.items()}}
-"""All versions of the set, their scenes by name."""
+VERSIONS: dict[str, dict[str, Scene]] = {
+    "1": SCENES,
+    "2": {
+        name: dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, samples=ALIASED))
+        for name, scene in SCENES.items()
+    },
+}
 VERSION = "aa53f9c0373a"
 """Identifier of the pictures of version 1, views and truth, to be changed when they change;
 tests/simulator/test_sim30.py compares them."""
 VERSION_2 = "5d1c7b64e9f2"
-"""Identifier of the pictures of version 2."""
 
 
 def scenes(name: str | None = None, camera: Camera | Mapping[str, Any] | None = None, version: int = 1) -> Fixed:
-    """The thirty scenes, or one of them.
+    """The thirty scenes of version 1 (band-limited textures) or 2 (aliased textures), or the one of a name.
 
-    Args:
-        name: A key of `SCENES`; None takes all.
-        camera: Camera that replaces the scenes' own camera, or values of its fields that replace theirs, except for
-            None; its size may show more or less of the scenes.
-        version: 1 (band-limited textures) or 2 (aliased textures).
-
-    Raises:
-        InputError: No such scene or version exists.
+    A camera, or values of its fields that are not None, replaces the scenes' own; its size may show more or less.
     """
     known = chosen("version of sim30", str(version), VERSIONS)
     selected = tuple(known.values()) if name is None else (chosen("sim30 scene", name, known),)
-
-    def camera_for(own: Camera) -> Camera:
-        if isinstance(camera, Camera):
-            return camera
-        return dataclasses.replace(own, **{name: value for name, value in (camera or {}).items() if value is not None})
-
-    return Fixed(tuple(dataclasses.replace(scene, camera=camera_for(scene.camera)) for scene in selected))
+    fields = vars(camera) if isinstance(camera, Camera) else camera or {}
+    changes: Any = {name: value for name, value in fields.items() if value is not None}
+    cameras = (dataclasses.replace(scene.camera, **changes) for scene in selected)
+    return Fixed(tuple(dataclasses.replace(scene, camera=own) for scene, own in zip(selected, cameras, strict=True)))

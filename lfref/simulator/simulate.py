@@ -29,7 +29,6 @@ from lfref.simulator.planner import Outcome, Pass
 from lfref.simulator.scene import Scene
 
 PAPER = geometry.planes_at_alphas(step / 8 for step in range(1, 17))
-"""The planes of the paper's stacks."""
 OUTPUTS = ("views", "truth", "disparity", "all_in_focus", "masks")
 SHARED_EFFECTS = ("exposure", "clipping", "white_balance", "tone_curve")
 """Effects that treat all samples of a colour alike; `developed` applies them to a truth."""
@@ -42,7 +41,6 @@ class Simulated:
     slopes: Tensor
     """Slopes of the truth's planes, in pixels per view step, float64, [N]."""
     rows: tuple[Outcome, ...]
-    """Explanation of every pass."""
     views: Tensor | None = None
     """Views as the sensor records them, float32, [V, U, 3, H, W]."""
     truth: Tensor | None = None
@@ -56,14 +54,7 @@ class Simulated:
 
 
 class Simulation:
-    """A scene that is painted once for several calls.
-
-    Args:
-        scene: The scene.
-        reach: Greatest |slope| of the truths to come, in pixels per view step. Surfaces are painted that far; if a
-            truth reaches farther, they are painted again.
-        force: As for `simulate`.
-    """
+    """A scene that is painted once for several calls, and again if a truth reaches beyond slopes of `reach`."""
 
     def __init__(self, scene: Scene, reach: float = 0.0, force: bool = False) -> None:
         self.scene, self.reach, self.force = scene, reach, force
@@ -81,10 +72,9 @@ class Simulation:
             planes = geometry.checked_slopes(planes, camera.grid, camera.size)
         if "truth" in outputs and float(planes.abs().max()) > self.reach:
             self.reach, self._layers = float(planes.abs().max()), None
-        schedule = planner.plan(self._passes(planes), [*outputs, "layers"], self.force)
-        results = schedule.run()
+        results, rows = planner.run(self._passes(planes), [*outputs, "layers"], self.force)
         self._layers = results.pop("layers")
-        return Simulated(planes, tuple(schedule.explain()), **results)
+        return Simulated(planes, rows, **results)
 
     def _passes(self, planes: Tensor) -> list[Pass]:
         """All passes, whatever the outputs."""
@@ -121,7 +111,7 @@ def simulate(
     slopes: Slopes | None = None,
     force: bool = False,
 ) -> Simulated:
-    """Simulate a scene.
+    """Simulate a scene; the result has the outputs, and an explanation of each pass.
 
     Args:
         scene: The scene.
@@ -129,9 +119,6 @@ def simulate(
         outputs: Any of `views`, `truth`, `disparity`, `all_in_focus`, `masks`.
         slopes: Planes of the truth, in pixels per view step, [N]; None takes the paper's 16.
         force: Run inert passes too, and each pass on every surface: the results are the same and take longer.
-
-    Returns:
-        The outputs, and an explanation of each pass.
 
     Raises:
         InputError: An unknown output, or slopes that are too large for the views.
@@ -147,11 +134,10 @@ def simulate(
 
 
 def finer(scene: Scene, factor: int) -> Scene:
-    """This scene for a camera whose pixels are `factor` times smaller along each axis.
+    """This scene for a camera whose pixels are `factor` times smaller; `factor` divides its `samples`.
 
-    Lengths and disparities are in pixels, so that they are multiplied; random textures are drawn anew, down to the
-    smaller pixels. The mean over `factor` by `factor` pixels of a finer picture is a pixel of a picture of `scene`; the
-    slopes of the finer picture are `factor` times larger. `factor` divides the camera's `samples`.
+    Lengths and disparities are in pixels, so that they are multiplied, as slopes are; random textures are drawn anew.
+    The mean over `factor` by `factor` pixels of a finer picture is a pixel of a picture of `scene`.
     """
     if factor == 1:
         return scene

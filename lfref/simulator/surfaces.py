@@ -12,14 +12,12 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import torch
 from torch import Tensor
 
 from lfref.simulator import checks
 
 STEEPEST = 0.5
-"""Greatest |gradient of d| times half the aperture. Below 1, every ray meets a surface once; 0.5 leaves a margin for
-Newton's method."""
+"""Greatest |gradient of d| times half the aperture: below 1, rays meet a surface once; 0.5 leaves Newton a margin."""
 
 
 class Form(NamedTuple):
@@ -50,38 +48,9 @@ class Geometry(checks.Description, abc.ABC):
     def disparity_at(self, x: Tensor, y: Tensor) -> Tensor:
         """Disparity at points (X, Y) of the central view, of the broadcast shape."""
         form = self.form
-        plane = form.disparity + form.a * x + form.b * y
-        return plane + form.bulge * self._rise(x, y)[2] ** 2 if form.bulge else plane
-
-    def gradient_at(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        """Derivatives of the disparity along X and along Y at points of the central view."""
-        form, (offset_x, offset_y, rise) = self.form, self._rise(x, y)
-        steepness = -4 * form.bulge / form.radius * rise
-        return form.a + steepness * offset_x, form.b + steepness * offset_y
-
-    def _rise(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Offsets from the top of the bump in radii, and 1 - r^2 / radius^2, which is 0 outside the bump."""
-        form = self.form
         offset_x, offset_y = (x - form.centre_x) / form.radius, (y - form.centre_y) / form.radius
-        return offset_x, offset_y, (1 - offset_x**2 - offset_y**2).clamp(min=0)
-
-    def ray_disparity(self, x: Tensor, y: Tensor, p: Tensor, q: Tensor) -> Tensor:
-        """Disparity D where the rays from aperture points (p, q) to pixels (x, y) meet the surface."""
-        form, disparity = self.form, self.disparity_at(x, y)
-        if not form.bulge:
-            # A plane: D (1 + a p + b q) = d(x, y).
-            return disparity / (1 + form.a * p + form.b * q)
-        # A dome: Newton's method on D - d(x - D p, y - D q), whose derivative is 1 + d_X p + d_Y q. STEEPEST keeps it
-        # between 1/2 and 3/2, so that a few steps suffice.
-        disparity = disparity + torch.zeros_like(p + q)
-        for _ in range(12):
-            at_x, at_y = x - disparity * p, y - disparity * q
-            slope_x, slope_y = self.gradient_at(at_x, at_y)
-            step = (disparity - self.disparity_at(at_x, at_y)) / (1 + slope_x * p + slope_y * q)
-            disparity = disparity - step
-            if float(step.abs().max()) < 1e-8:
-                break
-        return disparity
+        rise = (1 - offset_x**2 - offset_y**2).clamp(min=0)
+        return form.disparity + form.a * x + form.b * y + form.bulge * rise**2
 
     def disparity_range(self, size: tuple[int, int]) -> tuple[float, float]:
         """Least and greatest disparity in a central view of H x W pixels; a bump counts even outside of the picture."""
@@ -92,8 +61,7 @@ class Geometry(checks.Description, abc.ABC):
     ) -> tuple[float, float]:
         """Least and greatest disparity that rays can meet, for pixels up to (|x|, |y|) and apertures up to (|p|, |q|).
 
-        D of a plane is monotonic in each of x, y, p and q, so its extremes are at corners. The whole height of a bump
-        is added, wherever it is.
+        D of a plane is monotonic in x, y, p and q: its extremes are at corners. The whole height of a bump is added.
         """
         disparity, a, b, bulge = self.form[:4]
         corners = itertools.product(*((-half, half) for half in (*half_size, *half_aperture)))

@@ -173,10 +173,7 @@ def _random_tile(random: np.random.Generator, n_channels: int, size: tuple[int, 
 
 
 def oversampled(tile: Tensor) -> Tensor:
-    """A periodic tile of pixels, [C, H, W] of even size, on the canvas's grid, [C, OVERSAMPLING H, OVERSAMPLING W].
-
-    The mean is kept, and the result hardly leaves the range of the tile.
-    """
+    """A periodic tile of pixels, [C, H, W] of even size, on the canvas's grid, [C, OVERSAMPLING H, OVERSAMPLING W]."""
     height, width = tile.shape[-2:]
     spectrum = torch.fft.rfft2(tile) * _response(height, width)
     half = height // 2

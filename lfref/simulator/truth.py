@@ -2,16 +2,12 @@
 
     I_s(x, y) = mean over (p, q) in A of the radiance through (p, q) at (x + s p, y + s q)
 
-The integral needs sampling only because surfaces hide parts of each other. Steps for each plane:
-1. Choose the visible layers and the number of cells of the aperture (`focal_planes`).
-2. A single layer that is only shifted needs no sampling: the sum over all cells is a linear filter (`filter_layer`).
-3. Otherwise blur every layer by its motion within a cell, composite through the middle of every cell, and take the
-   weighted mean; do so with two numbers of cells, and extrapolate. `render` prepares the arrays that the compiled
-   loops of `truth_loops` read:
-   - a layer that is only shifted is blurred by its motion within a cell and read along whole rows (`BlurredLayers`);
-   - a traced layer that faces the camera gets such a blurred window too;
-   - a traced layer that is slanted or curved is blurred differently at each point: its window is mixed of blurred
-     copies of its bitmap.
+The integral needs sampling only because surfaces hide parts of each other. Each plane has its visible layers and cells
+of the aperture (`focal_planes`). For a single layer that is only shifted, the sum over all cells is a linear filter
+(`filter_layer`). Otherwise every layer is blurred by its motion within a cell, all are composited through the middle of
+every cell, and averaged, with two numbers of cells, of which an extrapolation is made. `render` prepares the arrays of
+`truth_loops`: blurred windows of layers that face the camera, and for slanted or curved ones, which are blurred
+differently at each point, windows mixed of blurred copies.
 Letters: `N` planes, `s` slope, `e` relative slope, `K` layers, `J I` rows and columns of cells, `M` cells at once,
 `X Y` as in `surfaces`.
 """
@@ -37,14 +33,7 @@ from lfref.simulator.truth_loops import ApertureCells, BlurredLayers, CellPositi
 
 
 def stack(layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, averaged: int = 1) -> Tensor:
-    """Photograph layers at each slope: a stack of the layers' type, [N, 3, H, W].
-
-    Args:
-        layers: Layers from far to near, painted for a reach of the greatest |slope|.
-        camera: The lens and the size of the picture.
-        slopes: Slopes of the planes in pixels per view step, [N].
-        averaged: Side, in pixels of this picture, of the squares whose means will be the final pixels.
-    """
+    """Photograph layers, from far to near, at each slope [N]: [N, 3, H, W]; `averaged` pixels a side will be one."""
     values = geometry.checked_slopes(slopes, camera.grid, camera.size).tolist()
     planes = focal_planes.focal_planes(layers, camera, values, averaged=averaged)
     pictures = []
@@ -65,8 +54,7 @@ def stack(layers: Sequence[Layer], camera: Camera, slopes: geometry.Slopes, aver
 def filter_layer(plane: FocalPlane) -> Tensor:
     """The picture of a single layer that is only shifted, by a few separable filters, [3, H, W].
 
-    Rows of cells with equal weights (all rows of a square, pairs of rows of a disc) form a group. The weighted sum over
-    the cells of a group is one filter along columns and one filter along rows.
+    The weighted sum over a group of rows of cells with equal weights is one filter along columns and one along rows.
     """
     (layer,) = plane.layers
     samples = plane.window(layer.bitmap)[:3]

@@ -3,8 +3,7 @@
 One row of the picture after the other: for each cell, the layers are laid over one another from far to near in a row of
 radiance, which is added to the total with the cell's weight. Layers that every cell only shifts are read along whole
 rows, interpolated between two rows of samples once for all cells of a row of cells. The rays to other layers are
-followed one by one, with linear look-ups of a blurred window. The module holds the compiled code of `truth`, which
-alone uses it: arrays and loops, nothing of PyTorch.
+followed one by one, with linear look-ups of a blurred window.
 A blurred layer's samples lie phase by phase: of `o` samples per pixel, sample m = o x + f is column x of phase f. A row
 of pixels then reads contiguous memory wherever it starts. Neighbouring rays to a slanted surface mostly read
 neighbouring columns, too: the loops look for such runs of pixels.
@@ -213,8 +212,7 @@ def filter_at_pixels(
 ) -> None:
     """Add a separable filter's values at pixels to `result` [C, H, W]; samples are [C, h, w].
 
-    For the first pixel the first tap reads row `top` and column `left`; each further pixel reads `n_phases` samples
-    further on.
+    The first tap of the first pixel reads `top` and `left`, those of further pixels `n_phases` samples further on.
     """
     row = np.zeros(samples.shape[2], samples.dtype)
     line = np.zeros((n_phases, samples.shape[2] // n_phases), samples.dtype)
@@ -345,10 +343,7 @@ def _look_ups(picture: Floats) -> LookUps:
 def trace_row(
     layers: RayLayers, windows: Atlas, k: int, row: RayRow, look_ups: LookUps, at: Float64s, rgba: Floats
 ) -> tuple[int, int]:
-    """Fill `at` [5, W] (as `rays.intersect`) and `rgba` [4, W] with traced layer k at a row of pixels through a cell.
-
-    Returns the first pixel at which it may be visible, and one past the last; other pixels are not filled.
-    """
+    """Fill `at` and `rgba` [4, W] with traced layer k at a row of pixels; returns the first and one past the last."""
     begin, stop = rays.visible_pixels(layers, k, row, rgba.shape[1])
     if begin >= stop:
         return 0, 0

@@ -1,9 +1,8 @@
 """Views: pictures of layers from points of the aperture, and the contents of the central view.
 
-Views are rendered in bands of rows; layers are laid over a band from far to near. A layer whose views are
-shifted copies is read along whole rows (`shifts`); the rays to other layers are followed one by one (`rays`). If any
-layers cross, the rays to all layers are followed, and the layers are sorted by depth at each pixel. A traced layer that
-faces the camera is read by the same shifts as a layer that is not traced, so that both give the same bits.
+Layers are laid over bands of rows from far to near. A layer whose views are shifted copies is read along whole rows
+(`shifts`); the rays to other layers are followed one by one (`rays`), and those to all layers if any cross, which are
+then sorted by depth at each pixel. A traced layer that faces the camera is read by the same shifts, to the bit.
 Letters: `p q` aperture point in view steps, `v u` row and column of aperture points, `x y` pixel from the picture's
 centre, `M` aperture points, `K` layers, `n` bitmap of the atlas.
 """
@@ -41,15 +40,7 @@ def views(layers: Sequence[Layer], camera: Camera) -> Tensor:
 
 
 def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope: float = 0.0) -> Tensor:
-    """Pictures from a grid of aperture points: radiance, float32, [V, U, 3, H, W].
-
-    Args:
-        layers: Layers from far to near, painted for a reach of |slope|.
-        camera: Camera with the size of the pictures.
-        p: Columns of the aperture points, in view steps from the centre, float64, [U].
-        q: Rows of the aperture points, likewise, [V].
-        slope: Slope of the plane that is at the same place in all pictures, in pixels per view step; 0 for views.
-    """
+    """Pictures from aperture points (p [U], q [V]), the plane of `slope` in place: float32, [V, U, 3, H, W]."""
     # A backdrop that is only shifted writes every pixel; other layers are laid over black.
     allocate = np.empty if is_backdrop(layers[0].surface) and not layers[0].is_traced else np.zeros
     picture = allocate((len(q), len(p), 3, *camera.size), np.float32)
@@ -77,8 +68,7 @@ def render(layers: Sequence[Layer], camera: Camera, p: Tensor, q: Tensor, slope:
 
 def _shifted_drawer(layer: Layer, camera: Camera, p: Tensor, q: Tensor, slope: float, picture: Floats) -> DrawRows:
     """A function that draws a layer whose pictures are shifted copies."""
-    samples = layer.bitmap.samples.numpy()
-    bitmap = shifts.untrimmed(samples[:3]) if is_backdrop(layer.surface) else shifts.trimmed(samples)
+    bitmap = shifts.trimmed(layer.bitmap.samples.numpy(), is_backdrop(layer.surface))
     disparity = layer.surface.geometry.form.disparity
     across, down = _shift_taps(layer.bitmap.canvas, disparity, camera, p, q, slope)
     return lambda top, end: shifts.composite_shifted(bitmap, across, down, picture, top, end)
@@ -128,38 +118,20 @@ def _traced_drawer(
     tables, atlas = rays.ray_layers(layers, spans, boxes, indices), rays.atlas(entries, OVERSAMPLING)
     across, down = (ShiftTaps(*map(np.stack, zip(*axis, strict=True))) for axis in zip(*taps, strict=True))
     points = Viewpoints(p.numpy(), q.numpy(), slope, across, down)
-    draw = draw_traced if len(layers) == 1 else draw_sorted
-    return lambda top, end: draw(tables, atlas, points, picture, top, end)
+    return lambda top, end: draw_rays(tables, atlas, points, picture, top, end)
 
 
 @compiled
-def draw_traced(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Floats, top: int, end: int) -> None:
-    """Lay layers over the rows from `top` to before `end` of all pictures [V, U, 3, H, W], one after the other.
+def draw_rays(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Floats, top: int, end: int) -> None:
+    """Lay one layer over rows of all pictures [V, U, 3, H, W], or fill them with layers sorted at every pixel.
 
     The atlas has bitmaps [4, h, w] of layers that face the camera, and [h, w, 4] of other layers.
     """
-    # For each row of pixels of each view: follow its rays to all layers, and lay them over each other from far to near.
-    at = np.empty((5, picture.shape[4]))
-    rgba, mirrored = np.empty((2, 4, picture.shape[4]), picture.dtype)
-    # An interpolated line of every bitmap, even and odd columns apart, [N, 4, 2, columns / 2 + padding].
-    lines = np.zeros((len(atlas.frames), 4, 2, atlas.frames[:, 2].max() // 2 + 2 * shifts.PAD), atlas.samples.dtype)
-    for y in range(top, end):
-        for v in range(points.q.size):
-            _interpolate_lines(layers, atlas, points, v, y, lines)
-            for u in range(points.p.size):
-                for k in range(len(layers.forms)):
-                    row = rays.rays_of_row(points.p[u], points.q[v], points.slope, 0.0, y, picture[v, u])
-                    begin, stop = _layer_row(layers, atlas, points, k, u, row, lines, at, rgba, mirrored)
-                    rays.composite_over(rgba, begin, stop, picture[v, u, :, y])
-
-
-@compiled
-def draw_sorted(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Floats, top: int, end: int) -> None:
-    """Fill rows of the pictures with layers that are sorted by depth at every pixel."""
     n_layers, width = len(layers.forms), picture.shape[4]
     # All layers at once: the order differs from pixel to pixel.
     at, order = np.zeros((n_layers, 5, width)), np.empty(n_layers, np.int64)
     rgba, mirrored = np.zeros((n_layers, 4, width), picture.dtype), np.empty((4, width), picture.dtype)
+    # An interpolated line of every bitmap, even and odd columns apart, [N, 4, 2, columns / 2 + padding].
     lines = np.zeros((len(atlas.frames), 4, 2, atlas.frames[:, 2].max() // 2 + 2 * shifts.PAD), atlas.samples.dtype)
     for y in range(top, end):
         for v in range(points.q.size):
@@ -168,9 +140,12 @@ def draw_sorted(layers: RayLayers, atlas: Atlas, points: Viewpoints, picture: Fl
                 row = rays.rays_of_row(points.p[u], points.q[v], points.slope, 0.0, y, picture[v, u])
                 for k in range(n_layers):
                     begin, stop = _layer_row(layers, atlas, points, k, u, row, lines, at[k], rgba[k], mirrored)
+                    if n_layers == 1:
+                        rays.composite_over(rgba[k], begin, stop, picture[v, u, :, y])
                     rgba[k, :, :begin] = 0
                     rgba[k, :, stop:] = 0
-                rays.composite_by_depth(rgba, at[:, 2], order, picture[v, u, :, y])
+                if n_layers > 1:
+                    rays.composite_by_depth(rgba, at[:, 2], order, picture[v, u, :, y])
 
 
 @compiled
@@ -192,10 +167,7 @@ def _layer_row(
     layers: RayLayers, atlas: Atlas, points: Viewpoints, k: int, u: int, row: RayRow, lines: Floats, at: Float64s,
     rgba: Floats, mirrored: Floats,
 ) -> tuple[int, int]:  # fmt: skip
-    """Fill `at` (as `rays.intersect`) and `rgba` with layer k at a row of pixels.
-
-    Returns the first pixel and one past the last.
-    """
+    """Fill `at` and `rgba` with layer k at a row of pixels; returns the first one and one past the last."""
     begin, stop = rays.visible_pixels(layers, k, row, rgba.shape[1])
     if begin >= stop:
         return 0, 0
@@ -207,7 +179,7 @@ def _layer_row(
     else:
         frame = atlas.frames[n]
         for x in range(begin, stop):
-            i, j = rays.sample_position(atlas, n, at[0, x], at[1, x])
+            i, j = at[0, x] * atlas.density - frame[4], at[1, x] * atlas.density - frame[3]
             rgba[0, x], rgba[1, x], rgba[2, x], rgba[3, x] = bitmaps.cubic_sample(
                 atlas.samples, frame[0], frame[1], frame[2], i, j
             )
@@ -258,10 +230,7 @@ def disparity(layers: Sequence[Layer], camera: Camera) -> Tensor:
 
 
 def masks(layers: Sequence[Layer], camera: Camera, n_surfaces: int) -> Tensor:
-    """Share of each surface of the scene in the pixels of the central view, float32, [n_surfaces, H, W].
-
-    Shares sum to 1 less the share of black; a surface without a layer has a share of 0.
-    """
+    """Share of each surface of the scene in the pixels of the central view, float32, [n_surfaces, H, W]."""
     opacities, disparities = _central_layers(layers, camera)
     ranks = torch.arange(len(layers), dtype=disparities.dtype)[:, None, None]
     depths = disparities if any(layer.is_sorted for layer in layers) else ranks

@@ -2,8 +2,7 @@
 
 `StepGuard` keeps numbers that are not finite out of weights and checkpoints; `Initialization` starts the weights;
 `StackPictures` shows progress; `RankAgreement` compares the processes of a distributed run; `TrainingRecord` notes time
-and size.
-The module stands apart from the command, since configurations name its classes.
+and size; `StopOnSigterm` ends a training.
 """
 
 import csv
@@ -13,6 +12,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import torch
@@ -33,22 +33,19 @@ from lfref.io import atomic, images, tensor_files
 log = logging.getLogger(__name__)
 
 SKIPPED = "train/skipped"
-"""Name under which the number of skipped steps is logged."""
 PICTURE = "val/stack"
-"""Name of the picture of patches that loggers get."""
+STATUS = 143
+"""Exit status of a process that SIGTERM ends, as shells count it."""
 
 
 class StepGuard(Callback):
-    """Skips steps whose loss or gradient is not finite, and stops after too many in a row.
+    """Skips steps whose loss or gradient is not finite, and stops after `patience` of them in a row.
 
     A skipped step leaves weights, moments of the optimiser and running statistics unchanged. It is counted, and logged
     with its patches. All processes of a distributed run decide alike without asking each other: a loss that is not
     finite makes its gradients NaN, and DDP's mean of gradients carries these to all processes. A gradient counts as
     finite if float32 holds its norm, since Adam squares its entries. Under float16, an overflow is left to the scaler
     of the loss, which skips the step and tries a smaller scale.
-
-    Args:
-        patience: Steps skipped in a row after which training stops.
     """
 
     def __init__(self, patience: int = 10) -> None:
@@ -74,11 +71,7 @@ class StepGuard(Callback):
         loss.register_hook(lambda gradient: gradient * factor)
 
     def on_before_optimizer_step(self, trainer: Trainer, module: Any, optimizer: torch.optim.Optimizer) -> None:
-        """Remove the gradients if one of them or the loss is not finite: optimisers skip weights without a gradient.
-
-        Raises:
-            LfrefError: The weights are not finite, or too many steps in a row were skipped.
-        """
+        """Remove the gradients if one of them or the loss is not finite: optimisers skip weights without a gradient."""
         is_loss_finite = torch.stack(self._losses).isfinite().all()
         norm = nn.utils.get_total_norm([each.grad for each in module.parameters() if each.grad is not None])
         places, self._places, self._losses = self._places, [], []
@@ -97,21 +90,16 @@ class StepGuard(Callback):
         place = trainer.current_epoch, trainer.global_step
         log.warning("epoch %d, step %d skipped (%d so far), not finite: %s", *place, self.skipped, cause)
         if self.in_a_row >= self.patience:
-            raise LfrefError(
-                f"training needs steps with a finite loss and gradient; got none in {counted(self.in_a_row, 'step')}",
-                remedy=f"last cause: {cause}; lower optimizer.lr or set trainer.gradient_clip_val=1",
-            )
+            got = f"none in {counted(self.in_a_row, 'step')}, the last cause being {cause}"
+            remedy = "lower optimizer.lr or set trainer.gradient_clip_val=1"
+            raise LfrefError("training needs steps with a finite loss and gradient", got=got, remedy=remedy)
 
     def on_train_epoch_end(self, trainer: Trainer, module: Any) -> None:
         """Log the number of skipped steps."""
         module.log(SKIPPED, float(self.skipped), sync_dist=True, reduce_fx="max")
 
     def on_save_checkpoint(self, trainer: Trainer, module: Any, checkpoint: dict[str, Any]) -> None:
-        """Refuse to write weights that are not finite.
-
-        Raises:
-            LfrefError: A weight is not finite.
-        """
+        """Refuse to write weights that are not finite."""
         refuse_corrupted(checkpoint["state_dict"], "no checkpoint was written; go on from the last one")
 
     def state_dict(self) -> dict[str, int]:
@@ -144,11 +132,7 @@ def refuse_corrupted(state: Mapping[str, Any], remedy: str) -> None:
 
 
 class Initialization(Callback):
-    """Starts a new network's weights on crops of its first batches (`lfref.nets.network.Network.initialize`).
-
-    Args:
-        n_crops: Crops of all processes together; fewer if an epoch has fewer.
-    """
+    """Starts a new network's weights on its first crops, of all processes together (see `Network.initialize`)."""
 
     def __init__(self, n_crops: int = 24) -> None:
         self.n_crops = n_crops
@@ -170,12 +154,9 @@ class Initialization(Callback):
 
 
 class StackPictures(Callback):
-    """Writes a picture of the worst and the best held-out patch after each validation, by their MPSNR.
+    """Writes a picture of the worst and the best held-out patch after each validation, also for loggers.
 
-    Args:
-        folder: Folder of the PNG files; loggers that take images get the pictures too. In a distributed run they show
-            patches of the first process.
-        slopes: Slopes in pixels per view step; the planes nearest to them are shown.
+    The planes nearest to these slopes are shown; in a distributed run, patches of the first process.
     """
 
     def __init__(self, folder: str, slopes: Sequence[float] = (-7.0, 0.0, 0.5)) -> None:
@@ -219,10 +200,9 @@ class StackPictures(Callback):
 
 
 class RankAgreement(Callback):
-    """Refuses to train when the processes of a distributed run were configured differently.
+    """Refuses to train when `fingerprint`, a hash of the configuration, differs between processes of a distributed run.
 
     A sweeper under `ddp` starts each rank with its own draw of hyper-parameters, which would train nonsense.
-    `fingerprint` is a hash of this process's configuration.
     """
 
     def __init__(self, fingerprint: str) -> None:
@@ -232,18 +212,14 @@ class RankAgreement(Callback):
         """Compare with rank 0. Every rank learns of a difference, so that no rank waits for a rank that has ended."""
         differs = torch.tensor(float(trainer.strategy.broadcast(self.fingerprint) != self.fingerprint))
         if trainer.strategy.reduce(differs.to(trainer.strategy.root_device), reduce_op="sum") > 0:
-            raise InputError(
-                "all processes of a distributed run must have the same configuration",
-                got="different ones",
-                remedy="start one run at a time instead of a sweep that draws for every process",
-            )
+            remedy = "start one run at a time instead of a sweep that draws for every process"
+            raise InputError("all processes of a run must have the same configuration", got="others", remedy=remedy)
 
 
 class TrainingRecord(Callback):
     """Writes size, wall time, device, best value and end of a training into a JSON file, with each checkpoint.
 
-    Checkpoints keep the time, so that a resumed training adds to it. Work after the last checkpoint of a killed
-    training does not count, since it is done again.
+    A resumed training adds to the time; what a killed one did after its last checkpoint does not count.
     """
 
     def __init__(self, path: Path) -> None:
@@ -287,17 +263,39 @@ class TrainingRecord(Callback):
         atomic.write_text(self.path, json.dumps(record, indent=1) + "\n")
 
 
+class StopOnSigterm(Callback):
+    """Writes a checkpoint to `path` and ends the training after the step in which a process got SIGTERM.
+
+    Under DDP, Lightning's own handler starts a broadcast. Another process may be in the exchange of gradients at that
+    time, and both would wait for ever. Here the handler only sets a flag, which the processes share after each step.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.received = False
+
+    def setup(self, trainer: Trainer, pl_module: Any, stage: str) -> None:
+        """Take the place of Lightning's handler, which is private, before the trainer registers it."""
+        trainer._signal_connector._sigterm_notifier_fn = self._note  # type: ignore
+
+    def on_train_batch_end(self, trainer: Trainer, pl_module: Any, outputs: Any, batch: Any, batch_idx: int) -> None:
+        """Stop if any process has the flag."""
+        if trainer.strategy.reduce_boolean_decision(self.received, all=False):
+            trainer.save_checkpoint(self.path)
+            # Lightning kills the first process without a word when another one ends with an error.
+            raise SystemExit(STATUS if trainer.is_global_zero else 0)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.received = True
+
+
 ERROR_GAIN = 4
 """Factor of errors in pictures, which are hard to see otherwise: a sixteenth of the range becomes a quarter."""
 GAP = 4
-"""Pixels between two patches of a picture."""
 
 
 def side_by_side(labels: Tensor, stack: Tensor) -> Tensor:
-    """A row for each plane: its label, its prediction, and `ERROR_GAIN` times their absolute difference.
-
-    Labels and predictions are [K, C, H, W], the picture [C, K H, 3 W], in [0, 1] and on the CPU.
-    """
+    """A row for each plane: label, prediction, and errors times ERROR_GAIN, [K, C, H, W] twice -> [C, K H, 3 W]."""
     truth, guess = (images.detach().float().cpu().nan_to_num().clamp(0, 1) for images in (labels, stack))
     errors = (ERROR_GAIN * (guess - truth).abs()).clamp(0, 1)
     return torch.cat([torch.cat(list(column), dim=-2) for column in (truth, guess, errors)], dim=-1)

@@ -26,7 +26,6 @@ from lfref.refocuser.features import check_names
 from lfref.refocuser.networks import refiner_entry
 
 OptimizerFactory = Callable[[list[dict[str, Any]]], Optimizer]
-"""Makes an optimiser from groups of parameters."""
 SchedulerFactory = Callable[[Optimizer], LRScheduler]
 EXPLAINED = {group: "val/explained" if group == "all" else f"val/explained_{group}" for group in GROUPS}
 """Names under which the share explained is logged, by the group of planes."""
@@ -36,13 +35,9 @@ LOSS, MPSNR_OF_STACK, MSSIM_OF_STACK = "loss", "val/mpsnr", "val/mssim"
 
 
 class Fitting(LightningModule, abc.ABC):
-    """Base of training modules: a network with its optimiser, schedule and further metrics.
+    """Base of training modules: a network, and functions that make its optimiser and the schedule of its rate.
 
-    Args:
-        net: The network.
-        optimizer: Function that makes the optimiser from the parameters.
-        scheduler: Function that makes the schedule of its learning rate; None keeps the rate.
-        metrics: Further metrics by name, logged as `val/NAME`; see `update_metrics`.
+    Further metrics are logged by their names as `val/NAME`.
     """
 
     end_rate = 1.0
@@ -66,10 +61,7 @@ class Fitting(LightningModule, abc.ABC):
         """Entry of checkpoints from which `lfref.load` builds the network again."""
 
     def update_metrics(self, images: Tensor, truth: Tensor) -> None:
-        """Update the further metrics with validation images [..., C, H, W] and log them.
-
-        Metrics get [images, C, H, W], float32, clamped to [0, 1].
-        """
+        """Update the further metrics with validation images [..., C, H, W], clamped to [0, 1], and log them."""
         pair = [each.flatten(0, -4).float().clamp(0, 1) for each in (images, truth)]
         for name, metric in self.metrics.items():
             metric.update(*pair)
@@ -115,17 +107,17 @@ class Fitting(LightningModule, abc.ABC):
 
 
 class Refocusing(Fitting):
-    """Trains a network to make refocused stacks.
+    """Trains a network to make refocused stacks: views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
 
     Args:
-        net: Views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
+        net: The network.
         loss: Named weighted terms.
-        planes: Planes of the labels; they go into every checkpoint.
+        planes: Planes of the labels; they go into every checkpoint, as `is_linear` does.
         optimizer: As in `Fitting`, like `scheduler` and `metrics`.
         end_rate: Learning rate of the network's first and last layers, as a share of the rate of the others. Inputs of
             RefNet's last convolution are positive and large: one step of Adam at the full rate would move an output
             by more than the range of most pictures.
-        is_linear: Whether the data are linear light or encoded samples; this goes into every checkpoint.
+        is_linear: Whether the data are linear light or encoded samples.
     """
 
     def __init__(
@@ -194,13 +186,10 @@ class Refocusing(Fitting):
 
 
 class Refining(Fitting):
-    """Trains a refiner to correct the planes of a classical method.
+    """Trains a refiner to correct the planes of a classical method; arguments are those of `Fitting`, and these.
 
-    Args:
-        net: Features, pictures and error scale -> better pictures.
-        loss: Function of refined pictures, truth, pictures and error scale.
-        recipe: Recipe of the set of planes; its method and features go into every checkpoint.
-        optimizer: As in `Fitting`, like the arguments after it.
+    The loss is a function of refined pictures, truth, pictures and error scale. Method and features of the recipe go
+    into every checkpoint.
     """
 
     def __init__(
@@ -255,13 +244,7 @@ def interval_of(schedule: LRScheduler | None) -> str:
 
 
 class WarmupCosine(LambdaLR):
-    """Each group's learning rate rises along a line, and falls to 0 as a cosine does.
-
-    Args:
-        optimizer: The optimiser.
-        total_steps: Steps of the whole training.
-        warmup: Share of them in which the rate rises, [0, 1).
-    """
+    """Each group's learning rate rises along a line in a share of all steps, `warmup`, and falls to 0 as a cosine."""
 
     def __init__(self, optimizer: Optimizer, total_steps: int, warmup: float = 0.05) -> None:
         if total_steps < 1:  # such as trainer.max_steps=-1
@@ -278,8 +261,7 @@ class WarmupCosine(LambdaLR):
 def refit(checkpoint: dict[str, Any], optimizer: Optimizer, schedule: LRScheduler | None, n_steps: int) -> None:
     """Replace the settings of optimiser and schedule in a checkpoint of Lightning, in place; the moments stay.
 
-    The new schedule repeats the `n_steps` of the old one: the learning rate is as if these settings held from the
-    start. The parameters of the new optimiser do not matter.
+    The new schedule repeats the `n_steps` of the old one, as if its settings held from the start.
     """
     if schedule is not None:
         for _ in range(n_steps):

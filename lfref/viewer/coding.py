@@ -22,7 +22,6 @@ from torch.nn import functional as F
 from lfref.io import images
 
 QUALITIES = {".webp": (75, 80, 83, 85, 87, 90, 95, 100), ".jpg": (75, 80, 85, 90, 95, 98, 100)}
-"""Qualities of lossy pictures that are tried."""
 LEAST_DB, BETTER_DB = 42.0, 2.0
 """PSNR that every picture has on the page at least, and by how much the reference is better than the other views."""
 ZERO = 128 / 255
@@ -100,7 +99,6 @@ class Coded(NamedTuple):
     shown: NDArray[np.floating]
     """What the page shows of it."""
     decibels: float
-    """Its PSNR."""
 
     @property
     def uri(self) -> str:
@@ -123,10 +121,7 @@ def code(image: NDArray[np.floating], coding: Coding, predicted: NDArray[np.floa
 def smallest(
     image: NDArray[np.floating], predicted: NDArray[np.floating] | None = None, least_db: float = LEAST_DB
 ) -> Coded:
-    """The picture in the fewest bytes that show it with a PSNR, or the best one if none do.
-
-    WebP halves the resolution of colours: where these are fine, only JPEG reaches it.
-    """
+    """The picture in the fewest bytes that show it with a PSNR, or the best one (WebP halves fine colours)."""
     tried = [
         at_least(least_db, image, Coding(suffix, qualities[0]), predicted) for suffix, qualities in QUALITIES.items()
     ]

@@ -33,11 +33,9 @@ from lfref.viewer import coding
 from lfref.viewer.coding import LOSSLESS, Coding, Prediction, ViewQuality
 
 PROGRAMS = ("geometry.js", "pictures.js", "lens.js", "page.js")
-"""Files of the page's program, in the order of execution."""
 MOST_BYTES = 30_000_000
 """Size of the largest page that holds its pictures itself."""
 FIRST = "#first"
-"""Address of the picture that the page shows first."""
 LEAST_SEEN, MOST_CROPPED = 0.5, 0.15
 """Share of the views that see a pixel which is shown, and largest share of a side that is cropped away for it."""
 CENTRAL = 0.35
@@ -46,16 +44,12 @@ LEAST_MASK = 0.02
 """Weight of samples that have none, as a share of the largest. Where no view sees a pixel, the lens thereby shows what
 `_views` fills the views with, which continues the scene, and no black corners."""
 BAR_SIZE = 8, 256
-"""Height and width of the colour bar in pixels."""
 DISPARITY_STEPS = 65535
 """Number of steps between the least and the largest disparity."""
 
 
 def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[str, Any]) -> list[Path]:
-    """Write the page of `page_content`, with a title, and facts below the picture; all or nothing.
-
-    Pictures of more than `MOST_BYTES` are written before it, into NAME_pictures: the second path that is returned.
-    """
+    """Write the page of `page_content`; pictures beyond `MOST_BYTES` go into a folder, returned second."""
     folder = path.with_name(f"{path.stem}_pictures") if len(_json(content)) > MOST_BYTES else None
     first = content["methods"][0]["planes"][content["start"]["plane"]]
     texts: dict[str, str] = {}
@@ -93,10 +87,7 @@ def write(path: Path, title: str, facts: Mapping[str, object], content: Mapping[
 def _placed(
     content: Mapping[str, Any], first: str, keep_text: Callable[[str], str], keep_picture: Callable[[str], str]
 ) -> Any:
-    """The content with addresses of its long texts and pictures, which two functions keep; `first` is in the page.
-
-    Browsers read an element at one go. They show the first picture sooner if no element is long.
-    """
+    """The content with addresses of its long texts and pictures, since browsers are slow to show long elements."""
     texts = {name: keep_text(content["depth"][name]) for name in ("disparity", "confidence")}
 
     def placed(part: Any) -> Any:
@@ -111,13 +102,11 @@ def _placed(
 
 
 class GalleryEntry(NamedTuple):
-    """A page in a gallery."""
+    """A page in a gallery: its address from there, and its first picture, a data URI."""
 
     title: str
     place: str
-    """Address of the page, from the gallery's folder."""
     picture: str
-    """The first picture of the page, a data URI."""
 
 
 def write_gallery(path: Path, title: str, entries: Sequence[GalleryEntry]) -> None:
@@ -126,14 +115,11 @@ def write_gallery(path: Path, title: str, entries: Sequence[GalleryEntry]) -> No
 
 
 def _render(template: str, path: Path, **values: object) -> None:
-    pages = jinja2.Environment(
-        loader=jinja2.PackageLoader("lfref.viewer", "."),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
+    loader, strict = jinja2.PackageLoader("lfref.viewer", "."), jinja2.StrictUndefined
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=strict
     )
-    atomic.write_text(path, pages.get_template(template).render(values).lstrip() + "\n")
+    atomic.write_text(path, environment.get_template(template).render(values).lstrip() + "\n")
 
 
 def _json(content: Mapping[str, Any]) -> str:
@@ -178,6 +164,8 @@ def page_content(
     encode = small.uri if len(methods) == 1 else LOSSLESS.uri
     ends = pictures.colour_ends(slopes, first.planes.values)
     bar = np.tile(np.linspace(*ends, BAR_SIZE[1]), (BAR_SIZE[0], 1))
+    low, high = float(slopes.min()), float(slopes.max())
+    steps = np.rint((slopes - low) / max(high - low, 1e-9) * DISPARITY_STEPS).astype("<u2")
     return {
         "size": list(first.field.size),
         "quantity": first.planes.quantity,
@@ -194,7 +182,13 @@ def page_content(
             for name, refocused in methods.items()
         ],
         "start": {"slope": round(focus, 4), "plane": int(np.abs(np.asarray(values) - focus).argmin())},
-        "depth": _depth(slopes, confidence),
+        "depth": {
+            "low": low,
+            "high": high,
+            "disparity": base64.b64encode(steps.tobytes()).decode("ascii"),
+            "confidence": base64.b64encode(np.rint(255 * confidence.clip(0, 1)).astype(np.uint8)).decode("ascii"),
+            "least_confidence": round(255 * pictures.LEAST_CONFIDENCE),
+        },
         "sharp": small.uri(first.encoded(first.sharp)),
         "map": small.uri(first.disparity_picture),
         "scale": {"low": ends[0], "high": ends[1], "bar": LOSSLESS.uri(pictures.coloured(bar, *ends))},
@@ -224,18 +218,6 @@ def _crop(field: LightField) -> list[float]:
         if bool(is_seen[[top, top, -1 - top, -1 - top], [left, -1 - left, left, -1 - left]].all()):
             return [left / width, top / height, 1 - left / width, 1 - top / height]
     return whole
-
-
-def _depth(slopes: NDArray[np.floating], confidence: NDArray[np.floating]) -> dict[str, Any]:
-    low, high = float(slopes.min()), float(slopes.max())
-    steps = np.rint((slopes - low) / max(high - low, 1e-9) * DISPARITY_STEPS).astype("<u2")
-    return {
-        "low": low,
-        "high": high,
-        "disparity": base64.b64encode(steps).decode("ascii"),
-        "confidence": base64.b64encode(np.rint(255 * confidence.clip(0, 1)).astype(np.uint8)).decode("ascii"),
-        "least_confidence": round(255 * pictures.LEAST_CONFIDENCE),
-    }
 
 
 def _views(

@@ -1,13 +1,16 @@
-"""Times of methods beside NumPy's FFT, and the growth of known costs."""
+"""Times of methods beside NumPy's FFT, the growth of known costs, and facts of the machine."""
 
 import functools
+import json
+from importlib import metadata
 
 import numpy as np
 import pytest
 import torch
 
+import lfref
 from lfref.bench import costs, timing
-from lfref.bench.costs import Scales, Size
+from lfref.bench.costs import Size
 from lfref.lightfield import LightField
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
@@ -43,22 +46,11 @@ def test_all_take_turns_beside_numpys_fft_and_ratios_are_of_medians(calls):
     np.testing.assert_allclose(table["numpy_ffts"], [1, 6.5 / 5.5, 7.5 / 5.5])
 
 
-FIELD = Size((7, 5), (375, 540), 16)
-SCALES = Scales(sides=(0.5, 1), views=(3, 5, 9), planes=(4, 8))
 SMALL = {
     "pixels": [Size((2, 2), (4, 5), 2), Size((2, 2), (8, 5), 2)],
     "views": [Size((2, 2), (4, 5), 2), Size((3, 3), (4, 5), 2)],
     "planes": [Size((2, 2), (4, 5), 4), Size((2, 2), (4, 5), 8)],
 }
-
-
-def test_one_axis_changes_at_a_time():
-    sizes = SCALES.sizes(FIELD)
-    assert [size.pixels for size in sizes["pixels"]] == [(192, 270), (375, 540)]
-    assert [size.views for size in sizes["views"]] == [(3, 3), (5, 5), (9, 9)]
-    assert [size.planes for size in sizes["planes"]] == [4, 8]
-    for axis, steps in sizes.items():
-        assert all(size._replace(**{axis: getattr(FIELD, axis)}) == FIELD for size in steps)
 
 
 def test_the_exponents_of_a_known_cost_are_fitted(monkeypatch):
@@ -71,3 +63,10 @@ def test_the_exponents_of_a_known_cost_are_fitted(monkeypatch):
     times = costs.growth_times([SUM], SMALL, 3, CPU, rounds=1)
     exponents = costs.growth_exponents(times).set_index("axis")["exponent"].to_dict()
     assert exponents == pytest.approx({"pixels": 1, "views": 1, "planes": 2})
+
+
+def test_facts_name_libraries_and_threads():
+    facts = timing.facts(CPU)
+    assert facts["threads"] == torch.get_num_threads()
+    assert (facts["lfref"], facts["torch"]) == (lfref.__version__, metadata.version("torch"))
+    assert json.loads(json.dumps(facts)) == facts

@@ -8,7 +8,7 @@ import torch
 import lfref
 from lfref.captures import view_order
 from lfref.captures.view_order import ViewOrderDefect
-from lfref.io import cameras
+from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.focus.slope_range import reduce_views
 from lfref.simulator import sim30
@@ -61,7 +61,7 @@ def test_rows_of_another_spacing_have_no_order_and_their_positions_mend_the_rang
     inspection = lfref.inspect(LightField(uneven))
     assert inspection.slopes is None
     assert inspection.corrections.active == ()
-    given = torch.from_numpy(cameras.even_positions((5, 5), (0.4, 1)))
+    given = torch.from_numpy(reader.even_positions((5, 5), (0.4, 1)))
     mended = lfref.inspect(LightField(uneven, positions=given))
     assert mended.slopes == pytest.approx((10, 20), abs=1)
     assert "rows are 0.4" in mended.corrections.unchanged["spacing"]
@@ -90,7 +90,7 @@ def test_where_no_order_explains_more_there_is_nothing_to_do(views):
 
 
 def test_positions_and_weights_go_with_their_views():
-    positions = torch.from_numpy(cameras.even_positions((3, 4), (1.0, 2.0)))
+    positions = torch.from_numpy(reader.even_positions((3, 4), (1.0, 2.0)))
     weight = torch.rand(3, 4, 1, 8, 9)
     right = LightField(torch.rand(3, 4, 3, 8, 9), weight=weight, positions=positions)
     stored = ViewOrderDefect(True, False).corrected(

@@ -11,7 +11,7 @@ from lfref.cli import config as configs
 from lfref.functional.psnr import psnr
 from lfref.io.read import read, read_stack
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.report import answers, crops
+from lfref.report import answers
 from lfref.report.tables import read_table
 
 
@@ -60,7 +60,7 @@ def test_scenes_are_evaluated_by_truth_ideal_aliased_with_a_sensor_and_corrected
     # The log has the answer, and crops show where ours is worst.
     answer = answers.of_bench(table, scenes)
     assert answer.sentence in (folder / "bench.log").read_text()
-    _, _, ours, truth, _ = (imread(file).astype(float) for file in crops.read(folder, answer).values())
+    _, _, ours, truth, _ = (imread(file).astype(float) for file in answers.read_crops(folder, answer).values())
     own = planes[(planes["class"] == answer.kind) & (planes["scene"] == answer.worst)]
     worst = own[own["method"] == answer.ours]["psnr_db"].min()
     assert np.square(ours - truth).mean() ** 0.5 == pytest.approx(10 ** (-worst / 20), abs=0.004)

@@ -61,7 +61,7 @@ SWEEPS = [
     for name, entry in yaml.safe_load(path.read_text())["parameters"].items()
 ]
 VARIANTS = [[*member.overrides, *WHOLE, *SMALL] for member in ablations.members(1)]
-CHOICES = [choice for kind in (EXPERIMENTS, LABELS, SWEEPS, VARIANTS) for choice in thinned(kind)]
+CHOICES = [choice for kind in (EXPERIMENTS + VARIANTS, LABELS, SWEEPS) for choice in thinned(kind)]
 
 
 @pytest.mark.parametrize("words", CHOICES, ids=" ".join)

@@ -53,26 +53,6 @@ def test_a_run_that_was_killed_goes_on_and_leaves_the_same_files(lfref, tmp_path
     assert (out / "c_0").stat().st_mtime_ns == time_ns
 
 
-def test_a_bad_capture_stops_no_other_and_the_run_goes_on_with_it_and_with_new_ones(lfref, captures, tmp_path):
-    words = ("refocus", captures, f"output={tmp_path}/out", "resume=auto", *QUICK)
-    status, error = lfref(*words)
-    assert status == 1
-    assert "all 3 light fields must be usable; got 1 that failed: second" in error.replace("\n", " ")
-    assert "second_01_01.png" in (tmp_path / "out" / "refocus.log").read_text()
-    assert not (tmp_path / "out" / "second").exists()
-    stack = tmp_path / "out" / "third" / "stack.exr"
-    first = stack.stat().st_mtime_ns
-    for name in ("second", "fourth"):
-        shutil.rmtree(captures / name, ignore_errors=True)
-        write(captures / name, LightField(torch.rand(3, 3, 3, 32, 40)))
-    status, error = lfref(*words)
-    assert status == 0, error
-    assert stack.stat().st_mtime_ns == first
-    assert {path.parent.name for path in (tmp_path / "out").glob("*/stack.exr")} == {
-        "first one", "second", "third", "fourth",
-    }  # fmt: skip
-
-
 def test_a_sweep_of_inputs_that_is_given_again_does_what_is_left(lfref, captures, tmp_path):
     for folder, name in (("a", "first one"), ("b", "third")):
         (tmp_path / folder).mkdir()

@@ -226,5 +226,7 @@ def test_every_input_gets_planes_of_its_own(lfref, tmp_path):
 
 def test_results_of_several_inputs_get_a_folder_of_their_own(tmp_path):
     one, run = tmp_path / "one", tmp_path / "run"
-    assert steps.result_folder(run, "a", one / "a", [one / "a", one / ".." / "one" / "a"]) == run
-    assert steps.result_folder(run, "a", one / "a", [one]) == run / "a"
+    fields = {"a": one / "a"}
+    for inputs, expected in (([one / "a", one / ".." / "one" / "a"], run), ([one], run / "a")):
+        config = OmegaConf.create({"input": [str(path) for path in inputs]})
+        assert steps.result_folders(config, run, fields) == {"a": expected}

@@ -21,6 +21,16 @@ def field(size=(31, 45), seed=0):
     return LightField(smooth.clamp(0, 1).reshape(*GRID, 3, *size), f"drawn_{seed}")
 
 
+def moving(size, seed=0):
+    """Two textured surfaces, of which one moves by a pixel a view step."""
+    random = torch.Generator().manual_seed(seed)
+    shape = (size[0] // 3 + 2, size[1] // 3 + 2)
+    far, near = torch.nn.functional.interpolate(torch.rand(2, 3, *shape, generator=random), size, mode="bicubic")
+    views = torch.stack([torch.stack([near.roll((v, u), (1, 2)) for u in (-1, 0, 1)]) for v in (-1, 0, 1)])
+    views[..., : size[0] // 2, :] = far[:, : size[0] // 2]
+    return LightField(views.clamp(0, 1), f"moving_{seed}")
+
+
 FIELDS = [field(), field((24, 32), 1), field((40, 33), 2)]
 
 

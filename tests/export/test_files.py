@@ -15,6 +15,7 @@ from lfref.errors import InputError, LfrefError
 from lfref.export import files
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
+from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.fourier.slice import fourier_slice
 from lfref.refocus.separable_wiener import separable_wiener
@@ -103,14 +104,16 @@ def test_an_operator_is_computed_for_any_slopes_sizes_and_weights(name, tmp_path
 
 
 @pytest.mark.slow
-def test_the_sum_through_cells_is_computed_for_pictures_that_are_large_enough(tmp_path):
-    refocuser = OperatorRefocuser("cells", shift_and_sum_antialiased)
-    fields = [cases.field((131, 140)), cases.field((150, 129), 1)]
-    files.export(refocuser, tmp_path / "cells.onnx", fields, torch.tensor([-3.0, 0.2]).double())
-    loaded, small = lfref.load(tmp_path / "cells.onnx"), torch.rand(*cases.GRID, 1, 96, 128)
-    for slopes in ([0.4], [-5.0, -1.5, 1.0, 6.0]):
+@pytest.mark.timeout(900)  # the graph of blocks has ten thousand operations
+@pytest.mark.parametrize(("operator", "least"), [(shift_and_sum_antialiased, 128), (blockwise_wiener, 256)])
+def test_operators_that_reduce_views_are_computed_for_pictures_that_are_large_enough(operator, least, tmp_path):
+    refocuser = OperatorRefocuser("reduces", operator)
+    fields = [cases.moving((least + 3, least + 12)), cases.moving((least + 22, least + 1), 1)]
+    files.export(refocuser, tmp_path / "file.onnx", fields, torch.tensor([-3.0, 0.2]).double())
+    loaded, small = lfref.load(tmp_path / "file.onnx"), torch.rand(*cases.GRID, 1, least - 32, least)
+    for slopes in ([0.4], [-4.0, -1.5, 1.0, 0.03]):
         torch.testing.assert_close(loaded(fields[1], slopes), refocuser(fields[1], slopes), atol=2e-5, rtol=0)
-    with pytest.raises(InputError, match="at least 128 rows and columns"):
+    with pytest.raises(InputError, match=f"at least {least} rows and columns"):
         loaded(small, [0.4])
 
 

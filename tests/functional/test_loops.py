@@ -3,7 +3,6 @@
 import threading
 
 import pytest
-import torch
 
 from lfref.functional import loops
 
@@ -40,16 +39,3 @@ def test_what_a_job_raises_is_raised(n_threads, bad):
 
     with pytest.raises(ValueError, match=f"job {bad}"):
         loops.share(work, [(job,) for job in range(4)], n_threads)
-
-
-@pytest.mark.parametrize(("size", "expected"), [(0, 1), (99, 1), (200, 2), (299, 2), (10**9, 4)])
-def test_threads_are_as_many_as_pay_and_pytorch_has(monkeypatch, size, expected):
-    monkeypatch.setattr(torch, "get_num_threads", lambda: 4)
-    assert loops.worthwhile(size, 100) == expected
-
-
-@pytest.mark.parametrize(("length", "n_bands"), [(7, 1), (7, 2), (375, 16), (5, 5)])
-def test_bands_are_the_whole_in_parts_as_long_as_each_other(length, n_bands):
-    found = loops.bands(length, n_bands)
-    assert [place for start, end in found for place in range(start, end)] == list(range(length))
-    assert {end - start for start, end in found} <= {length // n_bands, -(-length // n_bands)}

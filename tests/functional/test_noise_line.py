@@ -43,11 +43,3 @@ def test_shot_and_read_noise_are_measured(shot, read):
     middle = shot * 0.5 + read
     assert slope * 0.5 + dark == pytest.approx(middle, rel=0.05)
     assert slope == pytest.approx(shot, rel=0.1, abs=0.1 * middle)
-
-
-def test_views_are_left_out_where_there_are_many_samples(monkeypatch):
-    field, counts, blocks = LightField(torch.rand(9, 9, 1, 100, 100)), [], noise_line.blocks
-    monkeypatch.setattr(noise_line, "blocks", lambda pictures: counts.append(len(pictures)) or blocks(pictures))
-    for each in (field, field.crop(0, 0, 20, 20)):
-        noise_line.measure(each)
-    assert counts == [2**19 // 100**2, 81]

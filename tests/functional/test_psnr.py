@@ -12,13 +12,10 @@ from skimage.metrics import peak_signal_noise_ratio
 
 from lfref.errors import InputError
 from lfref.functional.psnr import CEILING_DB, inverse_psnr, inverse_psnr_of_mse, mse, psnr
+from tests.functional.test_ssim import images
 
 JOIN = math.exp(-2)
 FLOOR = 1e-10
-
-
-def images(*shape: int, dtype: torch.dtype = torch.float32, seed: int = 0) -> torch.Tensor:
-    return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64).to(dtype)
 
 
 def slope_at(m: float) -> float:

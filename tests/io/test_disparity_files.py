@@ -12,8 +12,8 @@ from hypothesis.extra import numpy as arrays
 
 from lfref.io import disparity_files, read
 from lfref.io.disparity_files import Cameras
-from lfref.io.metadata import read_metadata
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.io.read import read_metadata
+from lfref.refocus.fourier.exact import exact_fourier
 
 PLACES = np.array([[0, 0.5, -1], [3, 4, 5.25]])
 COLOURS = np.array([[255, 0, 7], [1, 2, 3]], np.uint8)
@@ -110,7 +110,7 @@ def test_the_disparity_of_hci_with_our_sign_is_the_slope_that_is_sharp(tmp_path,
     # The lines of docs/captures.md.
     stored = OpenImageIO.ImageBuf(str(tmp_path / "gt_disp_lowres.pfm")).get_pixels("float")
     slope = float(-stored[::-1, :, 0][0, 0])
-    sharp, mirrored = shift_and_sum(views, [slope, -slope], interpolation="exact")[:, 0, 8:-8, 8:-8]
+    sharp, mirrored = exact_fourier(views, [slope, -slope])[:, 0, 8:-8, 8:-8]
     truth = views[2, 2, 0, 8:-8, 8:-8]
     assert (sharp - truth).abs().max() < 0.02  # what wraps around at the borders
     assert (mirrored - truth).abs().max() > 0.1

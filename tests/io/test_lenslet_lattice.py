@@ -68,16 +68,6 @@ def test_whole_pitches_that_are_aligned_are_the_pixels_themselves():
     np.testing.assert_allclose(views, lenslets.unpack(image)[window], atol=1e-6)
 
 
-def test_between_pixels_quadratics_are_exact():
-    y, x = np.mgrid[:12, :15].astype(float)
-    picture = np.stack([0.1 * y**2 - 0.3 * y * x, 1 + 0.2 * x**2], axis=-1)
-    padded = np.pad(picture, ((1, 3), (1, 3), (0, 0)), mode="edge").astype(np.float32)
-    at_y, at_x = np.random.default_rng(0).uniform(1, 9, (2, 6, 7))
-    samples = lenslet_lattice.interpolate(padded, at_y, at_x)
-    expected = np.stack([0.1 * at_y**2 - 0.3 * at_y * at_x, 1 + 0.2 * at_x**2], axis=-1)
-    np.testing.assert_allclose(samples, expected, atol=2e-5)
-
-
 @pytest.mark.parametrize(("pitch", "count"), [(14, 14), (14.29, 13), (15.4, 15), (2, 2), (2.5, 1)])
 def test_a_lenslet_has_its_pixels_as_views_or_an_odd_number(pitch, count):
     assert lenslet_lattice.n_views(pitch) == count

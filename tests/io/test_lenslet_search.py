@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lfref.errors import FileError
-from lfref.io import lenslet_search
+from lfref.io import lenslet_lattice
 from lfref.io.lenslet_lattice import Lattice, upright
 from tests.io.lenslet_drawing import made, white_image
 
@@ -32,7 +32,7 @@ def beside(lattice: Lattice, at: tuple[float, float]) -> float:
 def test_pitch_rotation_and_offset_are_found(name):
     truth = LATTICES[name]
     white = white_image(truth, (440, 500)) + 0.05 * np.random.default_rng(0).normal(size=(440, 500))
-    found = lenslet_search.lattice_of(white, PATH)
+    found = lenslet_lattice.lattice_of(white, PATH)
     assert found.is_hexagonal == truth.is_hexagonal
     assert found.pitch == pytest.approx(truth.pitch, abs=1e-3)
     assert found.rotation == pytest.approx(truth.rotation, abs=0.01)
@@ -45,7 +45,7 @@ def test_a_skewed_lattice_is_found_as_it_is():
     y, x = np.mgrid[:440, :500]
     numbers = np.linalg.solve(np.array([truth.rows, truth.columns]).T, np.stack([y - 6.0, x - 7.0]).reshape(2, -1))
     white = (2 + np.cos(2 * math.pi * numbers).sum(axis=0)).reshape(440, 500)
-    found = lenslet_search.lattice_of(white, PATH)
+    found = lenslet_lattice.lattice_of(white, PATH)
     np.testing.assert_allclose((found.rows, found.columns), (truth.rows, truth.columns), atol=1e-3)
 
 
@@ -53,7 +53,7 @@ def test_a_skewed_lattice_is_found_as_it_is():
 def test_what_shows_no_lattice_is_refused(size):
     for white in (np.zeros(size), np.random.default_rng(0).random(size)):
         with pytest.raises(FileError):
-            lenslet_search.lattice_of(white, PATH)
+            lenslet_lattice.lattice_of(white, PATH)
 
 
 def crests(*waves, size=(240, 260), noise=0.0, bend=0.0):
@@ -69,7 +69,7 @@ def crests(*waves, size=(240, 260), noise=0.0, bend=0.0):
 
 def pitch_of(*waves, **options):
     """The pitch that is found, rounded; None if none is."""
-    lattice = lenslet_search.find_lattice(crests(*waves, **options))
+    lattice = lenslet_lattice.find_lattice(crests(*waves, **options))
     return None if lattice is None else round(lattice.pitch[1])
 
 
@@ -91,16 +91,16 @@ def test_a_lattice_is_found_up_to_a_limit_and_none_beyond_it(options, worse):
 def test_hexagonal_rows_may_be_turned_by_half_of_the_way_to_the_next_ones():
     for rotation in (12.0, -12.0):
         white = white_image(made(10.0, rotation, is_hexagonal=True), (300, 300))
-        assert lenslet_search.lattice_of(white, PATH).rotation == pytest.approx(rotation, abs=0.05)
+        assert lenslet_lattice.lattice_of(white, PATH).rotation == pytest.approx(rotation, abs=0.05)
     with pytest.raises(FileError):
-        lenslet_search.lattice_of(white_image(made(10.0, 18.0, is_hexagonal=True), (300, 300)), PATH)
+        lenslet_lattice.lattice_of(white_image(made(10.0, 18.0, is_hexagonal=True), (300, 300)), PATH)
 
 
 def test_the_lattice_of_a_scene_is_as_straight_as_lenslets_are():
     wall = {bend: crests(*CROSSED, bend=bend) + 3 for bend in (0.0, 0.045, 0.08)}
-    assert {bend: lenslet_search.lattice_of_scene(image) is not None for bend, image in wall.items()} == {
+    assert {bend: lenslet_lattice.lattice_of_scene(image) is not None for bend, image in wall.items()} == {
         0.0: True,
         0.045: True,
         0.08: False,
     }
-    assert lenslet_search.lattice_of_scene(wall[0.0][:140]) is None
+    assert lenslet_lattice.lattice_of_scene(wall[0.0][:140]) is None

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lfref.errors import FileError, LfrefError
-from lfref.io import images, lenslet_search, lenslets, read
+from lfref.io import images, lenslet_lattice, lenslets, read
 from lfref.io.lenslet_lattice import upright
 from tests.io import lytro_drawing, photographs
 from tests.io.lenslet_drawing import lenslet_image, made, scene, white_image
@@ -66,7 +66,7 @@ def test_a_white_image_is_all_that_it_takes(camera, tmp_path, is_hexagonal):
     assert field.grid == (7, 7)
     assert field.weight is None
     white = white_image(lattice, SIZE, width=0.5)
-    used, sensor_like = lenslet_search.lattice_of(white, tmp_path), lytro_drawing.F01._replace(size=SIZE)
+    used, sensor_like = lenslet_lattice.lattice_of(white, tmp_path), lytro_drawing.F01._replace(size=SIZE)
     grey = lambda *place: scene(*place)[..., None]  # noqa: E731
     expected = lytro_drawing.true_views(used, lattice, sensor_like, (7, 7), field.size, grey)
     error = field.views.numpy() / np.percentile(white, 99) - expected
@@ -152,7 +152,7 @@ def test_a_natural_picture_is_none(tmp_path, seed):
 
 def test_the_threshold_of_roundness_lies_between_lenslets_and_tiles():
     tiles = photographs.tiles((460, 520), 14)
-    assert 0.8 < lenslets.roundness(tiles, lenslet_search.lattice_of_scene(tiles))[0] < lenslets.ROUND
+    assert 0.8 < lenslets.roundness(tiles, lenslet_lattice.lattice_of_scene(tiles))[0] < lenslets.ROUND
     for lattice, _ in LATTICES.values():
         assert lenslets.roundness(sensor(lattice, 0.7), lattice)[0] > (1 + lenslets.ROUND) / 2
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lfref.errors import FileError, LfrefError
-from lfref.io import lytro_files, metadata, read
+from lfref.io import lytro_files, read
 from tests.io import lytro_drawing as drawing
 
 CAMERAS = (drawing.F01, drawing.ILLUM)
@@ -34,7 +34,7 @@ def test_a_container_gives_the_samples_and_the_record(raw, camera):
     np.testing.assert_array_equal(image.samples, noise(camera))
     assert image.record.get("camera", "model") == camera.model
     assert image.white is None
-    entries = metadata.read_metadata(raw)
+    entries = read.read_metadata(raw)
     assert entries["camera"] == f"Lytro, Inc. {camera.model}"
     assert (entries["ISO"], entries["f-number"], entries["focal length"]) == ("80", "2.2", "24.2 mm")
 

@@ -33,15 +33,6 @@ def test_options_mean_the_same_for_every_format(tmp_path, make_field, suffix):
         torch.testing.assert_close(back.weight, change(field.weight)[..., :4, :2], rtol=0, atol=0)
 
 
-def test_views_numbered_down_the_columns_are_read_with_the_grid_of_the_light_field(tmp_path, make_field):
-    field = make_field((2, 3))
-    for row, column in np.ndindex(2, 3):
-        view = field.views[row, column].permute(1, 2, 0).numpy()
-        images.write_image(tmp_path / f"cam_{2 * column + row:03d}.png", view, bits=16)
-    views = read.read(tmp_path, pattern="index", grid=(2, 3), transpose=True, encoding="linear").views
-    torch.testing.assert_close(views, field.views, rtol=0, atol=1e-5)
-
-
 def test_metadata_name_the_size_before_a_crop(tmp_path, make_field):
     path = write.write(tmp_path / "a", make_field((2, 2)))
     height, width = read.read(path).size

@@ -1,9 +1,5 @@
 """The linear start gives a new network its labels' best linear prediction; the random one leaves no channel dead."""
 
-import copy
-import functools
-import threading
-
 import pytest
 import torch
 from torch.nn import functional as F
@@ -34,42 +30,6 @@ def test_at_the_random_start_each_channel_has_its_labels_mean_and_none_is_dead()
         torch.testing.assert_close(deviation, torch.full((48,), 0.1), atol=1e-5, rtol=0)
         torch.testing.assert_close(mean, labels.flatten(1, 2).mean((0, 2, 3)), atol=1e-5, rtol=0)
     assert n_dead > 8  # otherwise there were nothing to cure
-
-
-def in_two_processes(work):
-    """Results of work(rank, total) in two threads, whose `total` adds up what both give it."""
-    meeting, waiting, results = threading.Barrier(2), [None, None], [None, None]
-
-    def total(value, rank):
-        waiting[rank] = value
-        meeting.wait()
-        added = waiting[0] + waiting[1]
-        meeting.wait()
-        return added
-
-    def run(rank):
-        results[rank] = work(rank, functools.partial(total, rank=rank))
-
-    threads = [threading.Thread(target=run, args=(rank,)) for rank in range(2)]
-    [thread.start() for thread in threads]
-    [thread.join() for thread in threads]
-    return results
-
-
-@pytest.mark.parametrize("kind", INITIALIZATIONS)
-def test_parts_of_a_batch_in_two_processes_give_the_start_of_the_whole_batch(kind):
-    network, views, labels = small(0, initialization=kind)
-    whole = copy.deepcopy(network)
-    whole.initialize(views, None, labels)
-
-    def work(rank, total):
-        part, own = slice(rank, rank + 1), copy.deepcopy(network)
-        own.initialize(views[part], None, labels[part], total)
-        return own
-
-    for part in in_two_processes(work):
-        for name, value in part.state_dict().items():
-            torch.testing.assert_close(value, whole.state_dict()[name], rtol=1e-4, atol=1e-5, msg=name)
 
 
 def linear_labels(views, n_planes=3, rank=3):

@@ -1,6 +1,5 @@
 """Textured planes with a known disparity, made by an exact periodic shift."""
 
-import math
 from collections.abc import Callable
 
 import pytest
@@ -60,23 +59,6 @@ def layered_views(near: float, far: float, size: tuple[int, int] = (72, 80)) -> 
     columns = (x - offsets[:, None])[None, :, None, :]
     is_near = (rows.square() + columns.square() < 20**2)[:, :, None]
     return torch.where(is_near, front, back), (y[:, None].square() + x.square()).sqrt()
-
-
-def slanted_views(start: float, rise: float, side: int = 72) -> tuple[Tensor, Tensor]:
-    """A plane whose disparity is start + rise * X, in closed form: pixel x of view u shows X with x = X + d(X) u."""
-    generator = torch.Generator().manual_seed(3)
-    frequencies = 0.6 * torch.rand(80, 2, generator=generator, dtype=torch.float64) - 0.3
-    phases = 2 * math.pi * torch.rand(80, generator=generator, dtype=torch.float64)
-    y = torch.arange(side, dtype=torch.float64)[:, None]
-    x = torch.arange(side, dtype=torch.float64)[None]
-    views = torch.empty(7, 7, 1, side, side, dtype=torch.float64)
-    for v in range(7):
-        for u in range(7):
-            column = (x - start * (u - 3)) / (1 + rise * (u - 3))
-            row = y - (start + rise * column) * (v - 3)
-            angle = 2 * math.pi * (row[..., None] * frequencies[:, 0] + column[..., None] * frequencies[:, 1]) + phases
-            views[v, u, 0] = 0.5 + angle.cos().mean(-1)
-    return views, (start + rise * x).expand(side, side)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Filters along an axis: those of brute-force least squares, with the mean brightness kept, and their taps."""
+"""Filters along an axis: those of brute-force least squares, and their taps."""
 
 import pytest
 import torch
@@ -14,16 +14,11 @@ SHARES = torch.tensor([0.2, 0.3, 0.5], dtype=torch.float64)
 PERIOD = 32
 
 
-def even(n_views):
-    return torch.full((n_views,), 1 / n_views, dtype=torch.float64)
-
-
-def designed(n_views, spectrum=SPECTRUM, weights=None, slopes=SLOPES, shares=SHARES):
-    """Filters [N, K, I] of one prior, and its tables."""
-    weights = even(n_views) if weights is None else weights
-    table = axis_filters.tables(spectrum, DISPARITIES, slopes, weights, PERIOD)
-    mean = (shares @ DISPARITIES)[None]
-    return axis_filters.filters(spectrum, table, slopes, shares[None], mean)[0], table
+def designed(n_views):
+    """Filters [N, K, I] of one prior."""
+    weights = torch.full((n_views,), 1 / n_views, dtype=torch.float64)
+    table = axis_filters.tables(SPECTRUM, DISPARITIES, SLOPES, weights, PERIOD)
+    return axis_filters.filters(SPECTRUM, table, SLOPES, SHARES[None], (SHARES @ DISPARITIES)[None])[0]
 
 
 def complex_factors(filters):
@@ -60,45 +55,16 @@ def brute_force(n_views, k, slope):
 
 @pytest.mark.parametrize("n_views", [1, 2, 3, 4, 7])
 def test_filters_are_those_of_complex_least_squares(n_views):
-    found = complex_factors(designed(n_views)[0])
+    found = complex_factors(designed(n_views))
     for number, slope in enumerate(SLOPES.tolist()):
         for j in (1, 5, 12):
             expected = brute_force(n_views, j / PERIOD, slope)
             torch.testing.assert_close(found[number, j], expected, atol=1e-9, rtol=1e-7)
 
 
-@pytest.mark.parametrize("n_views", [2, 5])
-def test_the_mean_brightness_passes_unchanged(n_views):
-    factors = complex_factors(designed(n_views)[0])[:, 0]
-    torch.testing.assert_close(factors.sum(-1), torch.ones(len(SLOPES), dtype=torch.complex128))
-
-
-def test_light_that_nothing_explains_is_summed_antialiased():
-    # With next to no power at disparities, the picture is the plain sum, through the cell of the mean disparity.
-    spectrum = AxisSpectrum(aliased=0.3, unexplained=1e6)
-    filters, _ = designed(5, spectrum)
-    k = torch.arange(PERIOD // 2 + 1, dtype=torch.float64) / PERIOD
-    offsets = geometry.angular_offsets(5)
-    for number, slope in enumerate(SLOPES.tolist()):
-        expected = torch.exp(2j * torch.pi * slope * k[:, None] * offsets) / 5
-        expected = expected * torch.sinc((slope - SHARES @ DISPARITIES) * k)[:, None]
-        torch.testing.assert_close(complex_factors(filters)[number], expected, atol=1e-4, rtol=0)
-
-
-def test_one_known_disparity_in_focus_is_read_sharp():
-    # All light is at the slope: below the folds, the views add up to factor 1, whatever their shares.
-    spectrum = AxisSpectrum(aliased=0.0, unexplained=1e-6)
-    slopes, shares = torch.tensor([0.35], dtype=torch.float64), torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
-    filters, _ = designed(7, spectrum, slopes=slopes, shares=shares)
-    k = torch.arange(PERIOD // 2, dtype=torch.float64) / PERIOD
-    read = torch.exp(-2j * torch.pi * 0.35 * k[:, None] * geometry.angular_offsets(7))
-    total = (complex_factors(filters)[0, :-1] * read).sum(-1)
-    torch.testing.assert_close(total, torch.ones_like(total), atol=1e-5, rtol=0)
-
-
 @pytest.mark.parametrize(("n_views", "centres"), [(3, [-4, 0, 4]), (4, [-2, -1, 1, 2])])
 def test_kernels_are_the_fourier_series_of_the_filters(n_views, centres):
-    filters, _ = designed(n_views)
+    filters = designed(n_views)
     found = axis_filters.kernels(filters, torch.tensor(centres), 12)
     factors = complex_factors(filters)
     whole = torch.cat([factors, factors[:, 1:-1].flip(1).conj()], 1)  # of all frequencies of the period

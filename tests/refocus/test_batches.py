@@ -39,7 +39,7 @@ each_kind = pytest.mark.parametrize("kind", KINDS)
 
 
 @each_kind
-@pytest.mark.parametrize("border", ["renormalize", "edge", "wrap"])
+@pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
 @pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
 def test_shift_and_sum_equals_the_slow_reference(kind, interpolation, border):
     views, weights = torch.rand(*GRID, 1, 6, 7, dtype=torch.float64), torch.rand(GRID, dtype=torch.float64)
@@ -74,8 +74,9 @@ def test_compiled_loops_equal_eager_operations_wherever_cameras_stand(data):
 
 
 @each_kind
-@pytest.mark.parametrize("size", [(16, 18), (15, 17)])
+@pytest.mark.parametrize("size", [(16, 18), (15, 17), (16, 17)])
 def test_exact_refocusing_reads_every_view_by_its_own_phases(kind, size):
+    # White noise has full energy at Nyquist, where even sizes go wrong first.
     views, positions = torch.rand(*GRID, 1, *size, dtype=torch.float64), uneven(kind)
     weights = torch.rand(GRID, dtype=torch.float64)
     expected = torch.zeros(len(SLOPES), 1, *size, dtype=torch.float64)
@@ -83,11 +84,8 @@ def test_exact_refocusing_reads_every_view_by_its_own_phases(kind, size):
         for v, u in torch.ones(GRID).nonzero().tolist():
             row, column = (dirichlet(n, slope * float(p)) for n, p in zip(size, positions[v, u], strict=True))
             image += weights[v, u] / weights.sum() * (row @ views[v, u] @ column.T)
-    for stack in (
-        exact_fourier(views, SLOPES, weights, positions=positions),
-        shift_and_sum(views, SLOPES, "exact", "wrap", weights, positions=positions),
-    ):
-        torch.testing.assert_close(stack, expected, atol=1e-12, rtol=0)
+    stack = exact_fourier(views, SLOPES, weights, positions=positions)
+    torch.testing.assert_close(stack, expected, atol=1e-12, rtol=0)
 
 
 @each_kind

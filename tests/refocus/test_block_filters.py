@@ -1,10 +1,10 @@
-"""Filters of blocks: the loop against sums written out, priors of the map, and the share of planes near focus."""
+"""Filters of blocks: the loop against sums written out, and the share of planes near focus."""
 
 import pytest
 import torch
 
 from lfref.refocus import block_filters as module
-from lfref.refocus.block_filters import BLOCK, SPAN, Items, block_priors, filtered, refocus_by_blocks
+from lfref.refocus.block_filters import BLOCK, SPAN, Items, filtered, refocus_by_blocks
 from lfref.refocus.fourier.energies import Energies
 from lfref.refocus.scene import Scene
 from lfref.refocus.separable_wiener import refocus_by_rows_and_columns
@@ -13,7 +13,6 @@ from lfref.simulator.simulate import simulate
 from tests.refocus.conftest import layered_views
 
 NO_NOISE = torch.zeros((), dtype=torch.float64)
-SINGLE = Energies(torch.tensor([0.2]).double(), torch.ones(1).double(), NO_NOISE)
 
 
 def without_noise(views, aperture):
@@ -59,22 +58,6 @@ def test_loop_and_pytorch_are_the_sum_written_out(dtype):
     tolerance = 1e-4 if dtype == torch.float32 else 1e-10
     torch.testing.assert_close(filtered(views, items), expected, atol=tolerance, rtol=1e-5)
     torch.testing.assert_close(module._by_torch(views, items), expected, atol=tolerance, rtol=1e-5)
-
-
-def test_priors_are_the_disparities_in_and_around_a_block():
-    disparity = torch.full((40, 72), -0.6)
-    disparity[:, 36:] = 0.4
-    priors = block_priors(disparity, torch.ones_like(disparity), SINGLE, 1.0)
-    assert priors.shares.shape[0] == 3 * 5
-    torch.testing.assert_close(priors.shares.sum(1), torch.ones(15).double())
-    low, high = priors.ends
-    # The edge lies in the third column of blocks, 4 pixels from the second.
-    assert low.reshape(3, 5)[0].tolist() == pytest.approx([-0.6, -0.6, -0.6, 0.4, 0.4])
-    assert high.reshape(3, 5)[0].tolist() == pytest.approx([-0.6, 0.4, 0.4, 0.4, 0.4])
-    near = (priors.disparities[None] - torch.tensor([[-0.6], [0.4], [0.2]])).abs() < 0.1
-    shares = priors.shares @ near.double().T  # of both surfaces, and of the field's prior
-    assert shares[0].tolist() == pytest.approx([1 - module.ELSEWHERE, 0, module.ELSEWHERE], abs=0.01)
-    assert float(shares[1, 0]) > float(shares[1, 1]) > 0.1
 
 
 def test_of_one_surface_blocks_and_the_whole_field_give_the_same():

@@ -22,8 +22,8 @@ MOST_OPERATIONS = {
     "shift_and_sum": 200,
     "shift_and_sum_antialiased": 500,
     "exact_fourier": 120,
-    "separable_wiener": 1500,
-    "blockwise_wiener": 5000,
+    "separable_wiener": 1300,
+    "blockwise_wiener": 4200,
     "refocus_by_layers": 1200,
 }
 """Of a first stack, after the checks; at 7 microseconds each, a GPU needs so long whatever it computes."""

@@ -9,9 +9,8 @@ from torch.nn import functional as F
 from lfref.refocus import apertures, axis_filters
 from lfref.refocus import separable_wiener as module
 from lfref.refocus.blockwise_wiener import blockwise_wiener
-from lfref.refocus.fourier.energies import Energies
 from lfref.refocus.scene import Scene, analyze_scene
-from lfref.refocus.separable_wiener import finer, products, separable_wiener
+from lfref.refocus.separable_wiener import products, separable_wiener
 from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate
@@ -65,17 +64,6 @@ def test_a_disc_is_the_sum_of_few_products():
     even = products(torch.full((5, 4), 0.05).double())
     assert len(even) == 1
     torch.testing.assert_close(even[0].columns, torch.full((4,), 0.25).double())
-
-
-def test_energies_are_spread_between_layers():
-    noise = torch.zeros(())
-    prior = finer(Energies(torch.tensor([-0.5, 0.0, 0.5]).double(), torch.tensor([0.25, 0.5, 0.25]).double(), noise))
-    assert float(prior.shares.sum()) == pytest.approx(1)
-    assert float(prior.shares @ prior.disparities) == pytest.approx(0)
-    torch.testing.assert_close(prior.disparities.diff(), torch.full((len(prior.shares) - 1,), 0.125).double())
-    assert float(prior.shares.max()) == pytest.approx(0.5 / module.FINER, rel=0.01)
-    single = Energies(torch.tensor([0.3]).double(), torch.ones(1).double(), noise)
-    assert finer(single) is single
 
 
 @pytest.mark.parametrize(("operator", "first"), [(separable_wiener, 0), (blockwise_wiener, 1)])

@@ -31,11 +31,6 @@ CLASSICAL = {"methods": ("sum", "layers")}
     ("given", "sentence"),
     [
         (
-            {},
-            "On 2 scenes (ideal), refiner is 0.8 dB better than the best classical method, layers, worst on stripes "
-            "(30.5 dB), at 1.6 units of time against 12.",
-        ),
-        (
             {"reference": "layers", "kind": "capture"},
             "On 2 light fields, judged by layers and not by the truth, refiner is 2.8 dB nearer to it than the nearest "
             "classical method, sum, worst on stripes (30.5 dB), at 1.6 units of time against 0.25.",

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lfref.io import images
-from lfref.report import crops
+from lfref.report import answers
 from lfref.report.answers import Answer
 
 ROWS, COLUMNS = slice(40, 112), slice(60, 132)
@@ -28,20 +28,20 @@ def pictures():
 
 def test_crops_are_of_the_worst_part_of_the_interior(tmp_path):
     view, ours, other, reference = pictures()
-    crops.write(tmp_path, view, ours, other, reference, margin=8)
-    found = crops.read(tmp_path, answer())
+    answers.write_crops(tmp_path, view, ours, other, reference, margin=8)
+    found = answers.read_crops(tmp_path, answer())
     assert list(found) == ["Centre view", "sum", "net", "Truth", f"Difference {TIMES} 8"]
     expected = [view, other, ours, reference, torch.full_like(view, 0.8)]
     for file, picture in zip(found.values(), expected, strict=True):
         shown = images.to_float(images.read_image(file))
-        assert shown.shape == (crops.SIDE, crops.SIDE, 3)
+        assert shown.shape == (answers.SIDE, answers.SIDE, 3)
         np.testing.assert_allclose(shown, picture[:, ROWS, COLUMNS].permute(1, 2, 0), atol=1 / 255)
 
 
 @pytest.mark.parametrize(("error", "factor"), [(0.0, 64), (0.3, 2), (0.9, 1)])
 def test_a_difference_is_amplified_as_far_as_it_is_not_cut(tmp_path, error, factor):
     grey = torch.full((3, 80, 80), 0.05)
-    crops.write(tmp_path, grey, grey + error, None, grey)
-    found = crops.read(tmp_path, answer(other=None))
+    answers.write_crops(tmp_path, grey, grey + error, None, grey)
+    found = answers.read_crops(tmp_path, answer(other=None))
     shown = images.to_float(images.read_image(found[f"Difference {TIMES} {factor}"]))
     np.testing.assert_allclose(shown, error * factor, atol=1 / 255)

@@ -90,13 +90,3 @@ def test_tables_have_headings_and_numbers_to_the_right(tmp_path):
     assert outline.all("th") == [{"scope": "col"}, {"scope": "col", "class": "number"}]
     assert outline.texts["td"] == ["<b>&'", "31.26", tables.DASH, "≥ 100"]
     assert outline.all("td") == [{}, {"class": "number"}] * 2
-
-
-def test_answers_stand_above_crops_and_crops_above_text(tmp_path, figure):
-    drawing.save_figure(figure, tmp_path / "crop.png")
-    section = Section("Part", "text", {"front": figure}, answer="an answer", crops={"a_<b>": tmp_path / "crop.png"})
-    text = written(tmp_path, [section, Section("Other")])
-    places = [text.rindex(part) for part in ("an answer", 'alt="a_&lt;b&gt;"', "<figcaption>front", "<p>text", "Other")]
-    assert places == sorted(places)
-    outline = Outline(text)
-    assert [link["href"] for link in outline.all("a")] == [f"#{part['id']}" for part in outline.all("section")]

@@ -10,7 +10,7 @@ import lfref
 from lfref.geometry import FocalPlanes
 from lfref.io.read import read_stack
 from lfref.lightfield import LightField
-from lfref.report import results
+from lfref.report import refocused as results
 from lfref.report.refocused import Refocused
 from lfref.simulator import sim30
 from lfref.simulator.simulate import simulate

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.colors import to_rgb
 
-from lfref.report import stability_table, tables
+from lfref.report import plots, sections, tables
 from lfref.report.drawing import BLACK, ORANGE, TEAL
 
 
@@ -25,7 +25,7 @@ ROWS = pd.DataFrame(
 
 
 def test_each_trial_is_a_cell_of_its_outcomes_colour():
-    (axes,) = stability_table.heat_map(ROWS).axes
+    (axes,) = plots.heat_map(ROWS).axes
     picture = np.asarray(axes.images[0].get_array())
     assert picture.shape == (2, 4, 3)
     # Both precisions of ours, then both of the other; what was not tried is white.
@@ -35,7 +35,7 @@ def test_each_trial_is_a_cell_of_its_outcomes_colour():
 
 def test_sections_are_made_of_a_run_folder(tmp_path):
     tables.write_table(tmp_path / "stability.csv", ROWS)
-    section = stability_table.hard_cases(tmp_path)
+    section = sections.hard_cases(tmp_path)
     assert list(section.figures) == ["SSIM"]
     counts = section.tables["Trials by outcome"]
     assert counts[["formulation", "holds", "inexact", "not finite"]].to_numpy().tolist() == [

@@ -57,16 +57,3 @@ def test_the_front_is_what_brute_force_finds(rows):
 )
 def test_cells_have_digits_that_mean_something(column, value, shown):
     assert tables.format_cell(column, value) == shown
-
-
-@pytest.mark.parametrize(
-    ("column", "shown"),
-    [
-        ("worst_psnr_db", "Worst PSNR (dB)"),
-        ("median_s", "Median (ms)"),
-        ("net.n_blocks", "net.n_blocks"),
-        ("slope", "Slope (px/view)"),
-    ],
-)
-def test_headings_are_the_columns_in_words(column, shown):
-    assert tables.heading(column) == shown

@@ -73,13 +73,17 @@ SCENES = st.builds(
 )
 
 
+def applied(effect, views, seed=0):
+    return effect.apply(views, torch.Generator().manual_seed(seed))
+
+
 def painted_views(scene):
     return render.views(painting.paint(scene), scene.camera)
 
 
 def intersect(geometry, x, y, p, q):
     """The point (X, Y) of a surface that is seen at pixels from aperture points."""
-    disparity = geometry.ray_disparity(x, y, p, q)
+    disparity = eager.ray_disparity(geometry, x, y, p, q)
     return x - disparity * p, y - disparity * q
 
 

@@ -56,13 +56,6 @@ def test_an_edge_along_rows_or_columns_is_the_covered_part_of_a_pixel():
     torch.testing.assert_close(half_plane.opacity(x, torch.arange(3.0, dtype=torch.float64)), expected)
 
 
-def test_a_disc_falls_from_one_to_zero_over_a_pixel_along_any_radius():
-    angles = torch.linspace(0, 6, 7, dtype=torch.float64)
-    for reach, expected in ((9.5, 1.0), (9.75, 0.75), (10.0, 0.5), (10.5, 0.0)):
-        edge = Disc(10.0).opacity(reach * angles.cos(), reach * angles.sin()).diagonal()
-        torch.testing.assert_close(edge, torch.full((7,), expected, dtype=torch.float64))
-
-
 def test_twigs_branch_in_two_and_come_from_their_seed():
     twigs = Twigs(20.0, 2.0, 4, seed=3)
     assert len(twigs.branches()) == 2**5 - 1

@@ -1,11 +1,9 @@
 """Textures stay in [0, 1], end before Nyquist, and come from their key alone."""
 
-import numpy as np
 import pytest
 import torch
 
 from lfref.io import images
-from lfref.simulator import textures
 from lfref.simulator.bitmaps import Canvas
 from lfref.simulator.textures import Checker, Flat, Gradient, Noise, Picture, Stripes
 
@@ -45,26 +43,6 @@ def test_the_key_fixes_the_colours_and_a_larger_canvas_shows_the_same(texture):
     assert torch.equal(colours, texture.paint(CANVAS, (1, 2)))
     larger = texture.paint(Canvas(-74, -68, 148, 136, CANVAS.period), (1, 2))
     torch.testing.assert_close(larger[:, 8:-8, 10:-10], colours, atol=1e-6, rtol=0)
-
-
-def test_the_amplitude_of_noise_falls_as_the_power_of_the_frequency():
-    random = np.random.default_rng(0)
-    for exponent in (1.0, 2.0):
-        spectrum = torch.fft.fft2(textures._random_tile(random, 16, (96, 96), exponent)).abs().square().mean(0)
-        radius = torch.hypot(torch.fft.fftfreq(96)[:, None], torch.fft.fftfreq(96))
-        band = (radius > 0.05) & (radius < 0.45)
-        logs = torch.stack([radius[band].log(), torch.ones(int(band.sum()))], dim=1)
-        assert float(torch.linalg.lstsq(logs, spectrum[band].log()[:, None]).solution[0, 0]) == pytest.approx(
-            -2 * exponent, abs=0.1
-        )
-
-
-def test_the_finer_grid_keeps_a_slow_wave_and_weighs_a_quick_one():
-    place = torch.arange(64) / 64
-    for cycles, response in ((0, 1.0), (4, np.cos(np.pi / 16) ** 2), (16, 0.5), (32, 0.0)):
-        tile = torch.cos(2 * torch.pi * cycles * place).expand(1, 8, -1)
-        fine = torch.cos(2 * torch.pi * cycles * torch.arange(128) / 128).expand(1, 16, -1)
-        torch.testing.assert_close(textures.oversampled(tile), response * fine, atol=1e-5, rtol=0)
 
 
 def test_a_picture_lies_in_the_middle_pixel_on_pixel(tmp_path):

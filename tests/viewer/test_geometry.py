@@ -139,47 +139,12 @@ def test_zoom_keeps_what_lies_under_the_pointer_unless_an_edge_comes_in(zoom, x,
             assert after[axis] == pytest.approx(before[axis], abs=1e-6)
 
 
-@settings(max_examples=12, deadline=None)
-@given(
-    slope=st.floats(-1, 1),
-    x=st.floats(-3, 3),
-    y=st.floats(-2, 2),
-    aperture=st.floats(0, 6),
-    tilt=st.floats(-2, 2),
-    shape=st.sampled_from(["square", "disc", "hexagon", "heart"]),
-    zoom=st.floats(1, 8),
-    at=st.floats(0.2, 0.8),
-)
-def test_an_address_holds_the_state(slope, x, y, aperture, tilt, shape, zoom, at):
-    lens = {"slope": slope, "x": x, "y": y, "aperture": aperture, "tiltX": tilt, "tiltY": -tilt, "shape": shape}
-    place = {"zoom": zoom, "x": at, "y": 1 - at}
-    text, state = computed(
-        "[addressOf(lens, place, whole), stateOf(addressOf(lens, place, whole), whole, centre, limits)]",
-        lens=lens,
-        place=place,
-        whole=WHOLE,
-        centre=CENTRE,
-        limits=LIMITS,
-    )
-    assert text.startswith("f=")
-    assert {**state["lens"], "shape": ""} == pytest.approx({**lens, "shape": ""}, abs=1e-3)
-    assert state["lens"]["shape"] == shape
-    if zoom > 1.001:
-        assert state["place"] == pytest.approx(place, abs=1e-3)
-
-
-def test_surroundings_are_means_and_ends_of_windows_that_stop_at_the_border():
-    disparity = np.random.default_rng(0).uniform(-2, 1, (19, 23)).astype(np.float32)
-    around = computed(
-        "Array.from(surroundings(Float32Array.from(d), [23, 19])).concat(MEAN_REACH, ENDS_REACH)",
-        d=disparity.ravel().tolist(),
-    )
-    mean_reach, ends_reach = around[-2:]
-    around = np.reshape(around[:-2], (19, 23, 4))
-    for row, column in np.ndindex(19, 23):
-        mean, ends = (
-            disparity[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]
-            for reach in (mean_reach, ends_reach)
-        )
-        # Means along one axis after the other are those of the window, since all its lines are cut alike.
-        assert around[row, column] == pytest.approx([mean.mean(), ends.min(), ends.max(), 0], abs=1e-5)
+@pytest.mark.parametrize("shape", ["square", "disc", "hexagon", "heart"])
+def test_an_address_holds_the_state(shape):
+    lens = {"slope": -0.437, "x": 2.9, "y": -1.55, "aperture": 0.3, "tiltX": 1.2, "tiltY": -0.8, "shape": shape}
+    place = {"zoom": 3.25, "x": 0.31, "y": 0.69}
+    values = {"lens": lens, "place": place, "whole": WHOLE, "centre": CENTRE, "limits": LIMITS}
+    state = computed("stateOf(addressOf(lens, place, whole), whole, centre, limits)", **values)
+    assert state["lens"].pop("shape") == lens.pop("shape")
+    assert state["lens"] == pytest.approx(lens, abs=1e-3)
+    assert state["place"] == pytest.approx(place, abs=1e-3)

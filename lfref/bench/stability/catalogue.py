@@ -37,15 +37,6 @@ def _rounded(*tensors: Tensor) -> Make:
     return lambda dtype: tuple(tensor.to(dtype) for tensor in tensors)
 
 
-def _nearly_flat(mean: float, contrast: float) -> Make:
-    return _rounded(mean + contrast * noise(*SHAPE), mean + contrast * noise(*SHAPE, seed=1))
-
-
-def _squared_error(m: float) -> Make:
-    """A black target, and a prediction with errors of +-sqrt(m): the mean squared error is m, up to rounding."""
-    return _rounded(m**0.5 * noise(*SHAPE).sign(), torch.zeros(SHAPE))
-
-
 def _denormal(dtype: torch.dtype) -> tuple[Tensor, Tensor]:
     smallest = torch.finfo(dtype).smallest_normal
     return (smallest / 4 * noise(*SHAPE)).to(dtype), torch.zeros(SHAPE, dtype=dtype)
@@ -63,10 +54,6 @@ def _benign(shape: tuple[int, ...]) -> list[Tensor]:
     return [target + 0.05 * noise(*shape, seed=1), target]
 
 
-def _flat(level: float) -> Make:
-    return _rounded(level + 1e-3 * noise(*SHAPE), torch.full(SHAPE, level))
-
-
 def _hot_pixel(value: float) -> Make:
     hot = torch.zeros(SHAPE)
     hot[..., 9, 11] = value
@@ -79,11 +66,21 @@ _TARGET = 0.5 + 0.4 * noise(*SHAPE)
 IMAGES: tuple[HardCase, ...] = (
     HardCase("benign", _rounded(*_benign(SHAPE))),
     HardCase("identical images", _rounded(_TARGET, _TARGET)),
-    *(HardCase(f"MSE {m:g}", _squared_error(m)) for m in (1e-30, 0.999, 1, 1.001, 4, 1e4)),
-    *(HardCase(f"flat {level:g}, ripple .001", _flat(level)) for level in (0, 0.5, 0.9, 1)),
+    *(
+        # A black target, and a prediction with errors of +-sqrt(m): the mean squared error is m, up to rounding.
+        HardCase(f"MSE {m:g}", _rounded(m**0.5 * noise(*SHAPE).sign(), torch.zeros(SHAPE)))
+        for m in (1e-30, 0.999, 1, 1.001, 4, 1e4)
+    ),
+    *(
+        HardCase(f"flat {level:g}, ripple .001", _rounded(level + 1e-3 * noise(*SHAPE), torch.full(SHAPE, level)))
+        for level in (0, 0.5, 0.9, 1)
+    ),
     HardCase("flat 0.5 against flat 0.6", _rounded(torch.full(SHAPE, 0.5), torch.full(SHAPE, 0.6))),
     *(
-        HardCase(f"mean {mean:g}, contrast {contrast:g}", _nearly_flat(mean, contrast))
+        HardCase(
+            f"mean {mean:g}, contrast {contrast:g}",
+            _rounded(mean + contrast * noise(*SHAPE), mean + contrast * noise(*SHAPE, seed=1)),
+        )
         for mean in (0.9, 64, 1000)
         for contrast in (0.01, 0.001)
     ),

@@ -145,9 +145,8 @@ def refocused(
 ) -> Tensor:
     """The stack [N, C, H, W]: the weighted sum of `rows @ view @ columns^T`, divided by the weights that count.
 
-    Views [V, U, C, H, W] are float64; those of weight 0 are skipped, so they may hold NaN. The interpolation is a key
-    of `KERNELS`, or `exact` (periodic only). The border is `wrap`, `edge`, or `renormalize`, which counts only views
-    with a sample.
+    Views of weight 0 are skipped, so they may hold NaN. The interpolation is a key of `KERNELS`, or `exact` (periodic
+    only). The border is `wrap`, `edge`, or `renormalize`, which counts only views with a sample.
     """
     share = weights / weights.max()  # so that sums of weights of 1e308 or 5e-324 neither overflow nor vanish
     return torch.stack([_plane(views, float(s), share / share.sum(), interpolation, border) for s in slopes])

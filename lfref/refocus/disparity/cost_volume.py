@@ -26,7 +26,7 @@ from torch import Tensor
 
 from lfref.errors import InputError
 from lfref.functional import loops, neighbours
-from lfref.functional.devices import is_known, on_device
+from lfref.functional.devices import is_known, number, on_device, on_host
 from lfref.functional.loops import compiled, inlined
 from lfref.refocus import batches
 from lfref.refocus.sampling import BORDERS, CUBIC, is_sampled
@@ -78,19 +78,25 @@ def grey_of(views: Tensor, aperture: Tensor) -> Tensor:
 
 def grey_views(grey: Tensor, aperture: Tensor, positions: Tensor | None = None) -> GreyViews:
     """Grey views [V, U, H, W], those of weight 0 in the aperture [V, U] left out."""
+    read, where, middle = _read_cameras(aperture, positions)
+    samples = grey.float().flatten(0, 1)
+    if len(read) < aperture.numel():
+        samples = samples.index_select(0, on_device(read, grey.device))
+    return GreyViews(samples, where, middle)
+
+
+@on_host
+def _read_cameras(aperture: Tensor, positions: Tensor | None) -> tuple[Tensor, Tensor, list[int]]:
+    """Indices and positions of the views of a weight above 0, and the places of the middle ones among them."""
     read = (aperture.flatten() > 0).nonzero()[:, 0]
     if len(read) < 2:
         raise InputError("disparity takes more than one view", got=f"{len(read)} of a weight above 0")
-    grid = (grey.shape[0], grey.shape[1])
-    where = (batches.even(grid) if positions is None else batches.checked_positions(positions, grid)).flatten(0, 1)[
-        read
-    ]
-    samples = grey.float().flatten(0, 1)
-    if len(read) < len(samples):
-        samples = samples.index_select(0, on_device(read, grey.device))
+    grid = (aperture.shape[0], aperture.shape[1])
+    where = batches.even(grid) if positions is None else batches.checked_positions(positions, grid)
+    where = where.flatten(0, 1)[read]
     distances = where.square().sum(1)
     nearest = (distances <= 1.01 * float(distances.min())).nonzero()[:, 0]  # equally near but for rounding
-    return GreyViews(samples, where, nearest.tolist())
+    return read, where, nearest.tolist()
 
 
 def details(views: GreyViews, slopes: Tensor) -> GreyViews:
@@ -119,14 +125,13 @@ def noise(views: GreyViews, slopes: Tensor) -> Tensor:
     height = views.samples.shape[1]
     # Every eighth row and every second slope say enough. Rows are counted from both ends: mirrored views must have a
     # mirrored map.
-    row = torch.arange(height)
-    to_border = torch.minimum(row, height - 1 - row)
-    rows = (to_border % 8 == min(4, (height - 1) // 2)).nonzero()[:, 0]
+    first = min(4, (height - 1) // 2)
+    rows = torch.cat([torch.arange(first, (height + 1) // 2, 8), height - 1 - torch.arange(first, height // 2, 8)])
     # A spread of 1, far above all differences, turns shares into mean squares.
     level = torch.ones_like(views.samples[0])
     least = disagreements(views, slopes[::2], level, rows).amin(0).flatten()
     n_views = len(views.samples)
-    quiet = least.sort().values[int(QUIET * (len(least) - 1))]
+    quiet = least.sort().values.gather(0, (QUIET * (number(least.shape[0], least) - 1)).long()[None])[0]
     return (quiet * n_views / (n_views - 1)).clamp(min=0).sqrt()
 
 

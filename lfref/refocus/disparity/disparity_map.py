@@ -18,10 +18,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import devices, neighbours
-from lfref.functional.devices import may_hold
+from lfref.functional.devices import may_hold, number
 from lfref.refocus import batches
 from lfref.refocus.disparity import cost_volume, matching
 from lfref.refocus.disparity.matching import Labels
@@ -100,7 +99,7 @@ def disparity_map(
             low, high = (float(end) if own is None else own for own, end in zip((low, high), estimated, strict=True))
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise InputError("disparities must lie between a first and a larger last one", got=f"{low} and {high}")
-        labels = matching.slopes_between(low, high)
+        labels = matching.even_slopes(number(low, grey), number(high, grey), high - low)
         batches.checked_slopes(labels.slopes, grid, size, positions)
         light = cost_volume.details(views_read, labels.slopes)
         noise = cost_volume.noise(light, labels.slopes)
@@ -126,7 +125,7 @@ def coarse_disparity(
     first, last = (end / scale for end in energies.farthest(known))
     aperture = batches.checked_weights(None, (grey.shape[0], grey.shape[1]))
     low, high = estimate_range(reduced, aperture, (first, last), (held[0] / scale, held[1] / scale))
-    labels = matching.slopes_within(low, high, last - first + energies.STEP / scale + 2 * BEYOND)
+    labels = matching.even_slopes(low, high, last - first + energies.STEP / scale + 2 * BEYOND)
     views = cost_volume.details(cost_volume.grey_views(reduced, aperture), labels.slopes)
     noise = cost_volume.noise(views, labels.slopes)
     disparity, _ = matching.best_slopes(views, labels, noise)
@@ -134,7 +133,7 @@ def coarse_disparity(
         on_cpu = views._replace(samples=views.samples.cpu())
         disparity = matching.refine(on_cpu, disparity.cpu(), noise.cpu(), float(low), float(high)).to(grey.device)
     disparity = scale * _with_lights(reduced, disparity, labels)
-    return disparity.repeat_interleave(scale, 0).repeat_interleave(scale, 1)[:height, :width]
+    return disparity.repeat_interleave(scale, 0).repeat_interleave(scale, 1).narrow(0, 0, height).narrow(1, 0, width)
 
 
 def _with_lights(grey: Tensor, disparity: Tensor, labels: Labels) -> Tensor:
@@ -151,7 +150,7 @@ def _with_lights(grey: Tensor, disparity: Tensor, labels: Labels) -> Tensor:
         return disparity
     mean, square = sums_of(torch.stack([grey, grey.square()], 2), labels.slopes).unbind(1)
     variance = neighbours.box_mean((square - mean.square()).clamp(min=0), SHARP)
-    is_tried = torch.arange(len(variance), device=grey.device) < labels.n_tried
+    is_tried = torch.arange(variance.shape[0], device=grey.device) < labels.n_tried
     best = torch.where(is_tried[:, None, None], variance, torch.inf).argmin(0)
     sharpest = labels.slopes.to(disparity)[best]
     # The map is finer than the slopes that are tried.
@@ -172,13 +171,13 @@ def estimate_range(
     """
     # The outermost views can shift by a little less than half of their size.
     grid, size = (grey.shape[0], grey.shape[1]), grey.shape[2:]
-    shift = geometry.corner_shift(torch.ones(1), batches.lines(grid, positions).extent)
-    most = 0.9 * min(size) / 2 / max(shift, 0.5)
+    shift = (max(batches.lines(grid, positions).extent) - 1) / 2
+    most = 0.9 / 2 / max(shift, 0.5) * torch.minimum(*(number(length, grey) for length in size))
     first, last = (end.clamp(-most, most) for end in held)
     # Views of at least 32 pixels, at most 4 times smaller.
     factor = min(max(1, min(4, length // 32)) for length in size)
-    low, high = tried
-    labels = matching.slopes_between(max(low, -most) / factor, min(high, most) / factor, grey.device)
+    low, high = (number(end, grey).clamp(-most, most) / factor for end in tried)
+    labels = matching.even_slopes(low, high, (tried[1] - tried[0]) / factor)
     small = cost_volume.grey_views(F.avg_pool2d(grey, factor), aperture, positions)
     disparity, confidence = matching.best_slopes(small, labels, cost_volume.noise(small, labels.slopes))
     is_sure = confidence > SURE

@@ -31,7 +31,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.functional import loops, neighbours, splines
-from lfref.functional.devices import at_most, is_known
+from lfref.functional.devices import is_known, length_within
 from lfref.functional.loops import compiled, inlined
 from lfref.refocus.disparity import cost_volume
 from lfref.refocus.disparity.cost_volume import GreyViews, Integers, Number, Reals, mean_of, read_spline, robust_mean
@@ -49,7 +49,7 @@ EDGE = 1.5
 """Difference to the pixel before, in mean differences of neighbours, at which a jump costs half as much."""
 UNTRIED = 100.0
 """Cost of a label that is not tried: more than all others on the way of a path."""
-STRETCH, BEFORE = 64, 32
+STRETCH, BEFORE = 32, 16
 """Pixels of a line that are followed together, and pixels before them from which on they are followed."""
 FARTHEST = STEP
 """Pixels per view step that one refinement may go: no farther than to the next slope tried."""
@@ -72,17 +72,10 @@ class Labels(NamedTuple):
     """Number of those that are tried."""
 
 
-def slopes_between(first: float, last: float, device: torch.device | None = None) -> Labels:
-    """Slopes to try, at most a step apart."""
-    count = 1 + math.ceil((last - first) / STEP - 1e-9)
-    slopes = torch.linspace(first, last, count, dtype=torch.float64, device=device)
-    return Labels(slopes, torch.full((), count, device=device))
-
-
-def slopes_within(first: Tensor, last: Tensor, widest: float) -> Labels:
-    """As `slopes_between`, for ends on a device that are at most `widest` apart."""
+def even_slopes(first: Tensor, last: Tensor, widest: float) -> Labels:
+    """Slopes to try, at most a step apart, between ends that are at most `widest` apart."""
     count = 1 + ((last - first) / STEP - 1e-9).ceil().clamp(min=0)
-    place = torch.arange(at_most(count, 1 + math.ceil(widest / STEP)), device=first.device)
+    place = torch.arange(length_within(count, 1 + math.ceil(widest / STEP)), device=first.device)
     return Labels(first + (last - first) / (count - 1).clamp(min=1) * place, count)
 
 
@@ -93,17 +86,17 @@ def best_slopes(views: GreyViews, labels: Labels, noise: Tensor) -> tuple[Tensor
     """
     slopes, spread = labels.slopes, cost_volume.spread(views, noise)
     shares = neighbours.smoothed(cost_volume.disagreements(views, slopes, spread), RADIUS)
-    is_tried = (torch.arange(len(slopes), device=slopes.device) < labels.n_tried)[:, None, None]
+    is_tried = (torch.arange(slopes.shape[0], device=slopes.device) < labels.n_tried)[:, None, None]
     costs = aggregate(torch.where(is_tried, shares, UNTRIED), views.central)
     # The vertex of the parabola through the share there and its neighbours: path costs of neighbours are alike, and
     # their vertex is too near to the label. End labels have one neighbour, and stay.
     best, last = costs.argmin(0, keepdim=True), labels.n_tried - 1
-    before, here, after = (shares.gather(0, (best + step).clamp(0, len(slopes) - 1)) for step in (-1, 0, 1))
+    before, here, after = (shares.gather(0, (best + step).clamp(0, slopes.shape[0] - 1)) for step in (-1, 0, 1))
     rise_before, rise_after = before - here, after - here
     bend = (2 * (rise_before + rise_after)).clamp(min=torch.finfo(costs.dtype).tiny)
     vertex = ((rise_before - rise_after) / bend).clamp(-0.5, 0.5)
     label = best + torch.where((best > 0) & (best < last), vertex, 0.0)
-    step = slopes[1] - slopes[0] if len(slopes) > 1 else 0.0
+    step = (slopes.gather(0, (labels.n_tried.long() - 1)[None])[0] - slopes[0]) / (labels.n_tried - 1).clamp(min=1)
     # How much better the views agree there than on the mean. The floor keeps 0 / 0 of flat views at 0.
     least, mean = shares.gather(0, best)[0], torch.where(is_tried, shares, 0.0).sum(0) / labels.n_tried
     disparity = (slopes[0] + step * label[0]).float()
@@ -142,37 +135,35 @@ def _aggregated(costs: Tensor, jumps: list[Tensor]) -> Tensor:
         (costs, jumps[2]),
         (costs.flip(2), jumps[3].flip(1)),
     ]
-    n_pixels = min(BEFORE + STRETCH, max(costs.shape[1:]))
-    gains = torch.cat([_stretches(-lines, n_pixels) for lines, _ in directions], 1)  # [pixels, lines, N]
-    floors = torch.cat([_stretches(-price[None], n_pixels) for _, price in directions], 1)
+    gains = torch.cat([_stretches(-lines) for lines, _ in directions], 1)  # [pixels, lines, N]
+    floors = torch.cat([_stretches(-price[None]) for _, price in directions], 1)
     # Maxima of negative costs: pooling knows no minima. Of a line that has not begun, all are 0.
     path, paths = torch.zeros_like(gains[0]), []
-    for gain, floor in zip(gains, floors, strict=True):
+    for gain, floor in zip(gains.unbind(0), floors.unbind(0), strict=True):
         over_best = path - path.amax(1, keepdim=True)
-        changed = F.max_pool1d(over_best[:, None], 3, 1, 1)[:, 0] - CHANGE
+        changed = F.max_pool2d(over_best[None], (1, 3), 1, (0, 1))[0] - CHANGE
         path = torch.maximum(torch.maximum(over_best, changed), floor) + gain
         paths.append(path)
-    followed, total = torch.stack(paths), torch.zeros((), device=costs.device)
-    sizes = [lines.shape[1] * _n_stretches(lines.shape[2]) for lines, _ in directions]
-    for n, (part, (lines, _)) in enumerate(zip(followed.split(sizes, 1), directions, strict=True)):
-        own = part if sizes[n] == lines.shape[1] else part[BEFORE:]
-        own = own.unflatten(1, (lines.shape[1], -1)).permute(3, 1, 2, 0).flatten(2).narrow(2, 0, lines.shape[2])
+    followed, total = torch.stack(paths[BEFORE:]), torch.zeros((), device=costs.device)
+    first = 0
+    for n, (lines, _) in enumerate(directions):
+        _, n_lines, length = lines.shape
+        n_stretches = (length + STRETCH - 1) // STRETCH
+        part = followed.narrow(1, first, n_lines * n_stretches).reshape(STRETCH, n_lines, n_stretches, -1)
+        first = first + n_lines * n_stretches
+        own = part.permute(3, 1, 2, 0).flatten(2).narrow(2, 0, length)
         own = own.flip(2) if n % 2 else own
         total = total - (own.mT if n < 2 else own)
     return total
 
 
-def _n_stretches(length: int) -> int:
-    """Number of stretches of lines of so many pixels; short ones are followed from their begin to their end."""
-    return 1 if length <= BEFORE + STRETCH else (length + STRETCH - 1) // STRETCH
-
-
-def _stretches(lines: Tensor, n_pixels: int) -> Tensor:
-    """Lines [N, L, pixels] cut into stretches with the pixels before them, [n_pixels, L * stretches, N]; 0 beyond."""
-    length = lines.shape[2]
-    n_stretches = _n_stretches(length)
-    sides = (0, n_pixels - length) if n_stretches == 1 else (BEFORE, n_stretches * STRETCH - length)
-    return F.pad(lines, sides).unfold(2, n_pixels, STRETCH).flatten(1, 2).permute(2, 1, 0)
+def _stretches(lines: Tensor) -> Tensor:
+    """Lines [N, L, pixels] cut into stretches, with pixels before them: [BEFORE + STRETCH, L * stretches, N]."""
+    n_stretches = (lines.shape[2] + STRETCH - 1) // STRETCH
+    padded = F.pad(lines, (BEFORE, n_stretches * STRETCH - lines.shape[2]))
+    starts = STRETCH * torch.arange(n_stretches, device=lines.device)
+    pixels = (starts[:, None] + torch.arange(BEFORE + STRETCH, device=lines.device)).flatten()
+    return padded.index_select(2, pixels).unflatten(2, (-1, BEFORE + STRETCH)).flatten(1, 2).permute(2, 1, 0)
 
 
 @compiled
@@ -190,7 +181,6 @@ def add_paths(
     height, width, n_labels = costs.shape
     n_lines, length = (width, height) if is_down else (height, width)
     path = np.zeros((2, n_labels), np.float32)
-    stretch = length if length <= before + stretch else stretch
     for line in range(n_lines):
         for first in range(0, length, stretch):
             path[:] = 0  # of a line that has not begun

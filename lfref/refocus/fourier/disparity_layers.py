@@ -33,7 +33,7 @@ from lfref.refocus.bounds import bounded_by_views
 from lfref.refocus.fourier import energies as layer_energies
 from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.energies import Energies
-from lfref.refocus.fourier.exact import filter_and_sum
+from lfref.refocus.fourier.exact import spectra_of_sum
 from lfref.refocus.operator import has_traits
 from lfref.refocus.scene import N_LAYERS, Scene, analyze_scene, scenes_of
 
@@ -173,7 +173,7 @@ def refocus_by_layers(
         # The bound is no linear function of the views, and its sums have no period.
         is_free = own is not None and fill_factor == 1 and border == "edge"
         stacks.append(bounded_by_views(stack, own, planes, aperture) if is_free and own is not None else stack)
-    return batches.restored(torch.stack(stacks), views)
+    return batches.restored(stacks, views)
 
 
 def _refocused(
@@ -212,7 +212,7 @@ def _exact(batch: Tensor, frame: Frame, planes: Tensor, aperture: Tensor) -> Ten
     rows = shift_phases(frequencies(frame.period[0], batch.device), planes[:, None] * v)
     columns = shift_phases(half_frequencies(frame.period[1], batch.device), planes[:, None] * u)
     read = batches.without_unread(batch, aperture)
-    return torch.fft.rfft2(filter_and_sum(read, rows, columns, aperture, frame, is_whole=True))
+    return spectra_of_sum(read, rows, columns, aperture, frame)
 
 
 def _energies(batch: Tensor, disparities: Slopes | None, n_layers: int, scene: Scene | None) -> Energies:

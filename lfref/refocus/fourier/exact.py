@@ -7,17 +7,18 @@ part; that is what makes the shifted signal real and the shift the trigonometric
 Letters: `u v` view column and row, `kx ky` frequency in cycles per pixel, `s` slope in pixels per view step.
 """
 
+from collections.abc import Iterator
+
+import torch
 from torch import Tensor
 
 from lfref.functional import fourier
 from lfref.functional.devices import on_device
-from lfref.functional.fourier import Frame, frequencies, half_frequencies, shift_phases
+from lfref.functional.fourier import Factors, Frame, frequencies, half_frequencies, shift_phases
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
-from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
+from lfref.refocus.sampling import BORDERS, CUBIC
 from lfref.refocus.shift.shifts import shifts_of
-
-EXACT = INTERPOLATIONS["exact"]
 
 
 def exact_fourier(
@@ -57,7 +58,7 @@ def exact_fourier(
         footprint.checked(fill_factor, disparity, views),
     )
     cameras, aperture = batches.lines(grid, positions), batches.checked_weights(weights, grid)
-    shifts, device = shifts_of(on_device(planes, views.device), grid, EXACT, positions), views.device
+    shifts, device = shifts_of(on_device(planes, views.device), grid, CUBIC, positions), views.device
     ky, kx = frequencies(size[0], device), half_frequencies(size[1], device)
     rows, columns = shift_phases(ky, shifts.rows), shift_phases(kx, shifts.columns)
     if cell.fill_factor > 0:
@@ -70,12 +71,7 @@ def exact_fourier(
 
 
 def filter_and_sum(
-    views: Tensor,
-    rows: Tensor,
-    columns: Tensor,
-    weights: Tensor | None,
-    frame: Frame | None = None,
-    is_whole: bool = False,
+    views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor | None, frame: Frame | None = None
 ) -> Tensor:
     """Sum of the filtered views, `I^(k) = sum_v R[v](ky) sum_u C[u](kx) w_uv L^[v, u](k)`, for every plane.
 
@@ -84,15 +80,28 @@ def filter_and_sum(
     `rfft`, or of the views of each row, [2, N, V or 1, U, W // 2 + 1]. `frame` are the periods in which the views lie;
     None: they are periods themselves. Returns stacks [B, N, C, H, W].
     """
+    size = batches.grid_and_size(views)[1]
+    lines, factors = _lines_and_factors(views, rows, columns, weights)
+    sums = fourier.filtered_lines(lines, factors, frame or Frame(size, (0, 0), size))
+    return sums.unflatten(1, (len(views), -1)).transpose(0, 1)
+
+
+def spectra_of_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor | None, frame: Frame) -> Tensor:
+    """I^ of `filter_and_sum`, [B, N, C, h, w // 2 + 1]."""
+    spectra = torch.cat(fourier.mixed_lines(*_lines_and_factors(views, rows, columns, weights), frame))
+    return spectra.unflatten(1, (len(views), -1)).transpose(0, 1)
+
+
+def _lines_and_factors(
+    views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor | None
+) -> tuple[Iterator[Tensor], Factors]:
     working = batches.working_dtype(views.dtype)
     columns = columns.unsqueeze(2) if columns.ndim == 4 else columns
     rows, columns = rows.to(working), columns.to(working)
     # [U, B C, H, W]: one line at a time is held as floating point.
     lines = (batches.radiance(line).movedim(0, 1).flatten(1, 2) for line in views.unbind(1))
-    parts = [(rows[:, :, v], columns[:, :, v % columns.shape[2]]) for v in range(views.shape[1])]
+    factors = [(rows[:, :, v], columns[:, :, v % columns.shape[2]]) for v in range(views.shape[1])]
     if weights is not None:
         of_views = on_device(weights, views.device, working)
-        parts = [(down, across * own[:, None]) for (down, across), own in zip(parts, of_views, strict=True)]
-    size = batches.grid_and_size(views)[1]
-    sums = fourier.filtered_lines(lines, parts, frame or Frame(size, (0, 0), size), is_whole)
-    return sums.unflatten(1, (len(views), -1)).transpose(0, 1)
+        factors = [(down, across * own[:, None]) for (down, across), own in zip(factors, of_views, strict=True)]
+    return lines, factors

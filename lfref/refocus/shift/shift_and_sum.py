@@ -15,9 +15,8 @@ from lfref.functional.devices import is_known, on_device
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
 from lfref.refocus.sampling import BORDERS, CUBIC, INTERPOLATIONS, Border, Interpolation
-from lfref.refocus.shift import shift_numba, shift_plan
+from lfref.refocus.shift import shift_numba
 from lfref.refocus.shift.shift_bands import sum_by_bands
-from lfref.refocus.shift.shift_phases import sum_by_phases
 from lfref.refocus.shift.shifts import Shifts, shifts_of
 
 
@@ -36,7 +35,7 @@ def shift_and_sum(
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
         slopes: Focus in pixels per view step, [N].
-        interpolation: `nearest`, `linear`, `cubic` or `exact` (Fourier shift).
+        interpolation: `nearest`, `linear` or `cubic`.
         border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
         fill_factor: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the
@@ -107,18 +106,15 @@ def summed(
     lines = (shifts.rows.shape[1], shifts.columns.shape[2])
     views = batches.without_unread(views, aperture).reshape(len(views), *lines, *views.shape[3:])
     aperture = aperture.reshape(lines)
-    if interpolation.weights is not None and batches.is_compiled(views) and is_known(shifts.rows):
-        sizes = None if widths is None else widths.tolist()
-        plan = shift_plan.plan(shifts, sizes, aperture, (views.shape[-2], views.shape[-1]), interpolation, border)
-        return shift_numba.shift_and_sum(views, plan)
+    if batches.is_compiled(views) and is_known(shifts.rows):
+        return shift_numba.shift_and_sum(views, shifts, widths, aperture, interpolation, border)
     if widths is not None:
         farthest = footprint.radius(float(widths.max())) if reach is None else reach
         boxes = footprint.taps(on_device(widths, views.device), farthest)
         shifts = Shifts(shifts.rows, shifts.columns, boxes)
     shifts = shifts.to(views.device)
     aperture = on_device(aperture, views.device, batches.working_dtype(views.dtype))
-    method = sum_by_bands if interpolation.weights is not None else sum_by_phases
-    return method(views, shifts, aperture, interpolation, border)
+    return sum_by_bands(views, shifts, aperture, interpolation, border)
 
 
 def sums_of(views: Tensor, slopes: Tensor) -> Tensor:

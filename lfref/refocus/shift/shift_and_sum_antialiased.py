@@ -69,9 +69,8 @@ def shift_and_sum_antialiased(
             if own.known is not None:
                 beyond = max(beyond, -own.known.low, own.known.high)
             reach = length_of(((planes.abs().amax(0) + beyond) / 2).ceil().long() + 1)
-        stacks.append(summed(field[None], shifts, widths, aperture, CUBIC, BORDERS["renormalize"], reach))
-    # A single one is not copied: that would take a tenth of all the time.
-    return batches.restored(torch.cat(stacks) if len(stacks) > 1 else stacks[0], views)
+        stacks.append(summed(field[None], shifts, widths, aperture, CUBIC, BORDERS["renormalize"], reach)[0])
+    return batches.restored(stacks, views)
 
 
 def cell_widths(planes: Tensor, disparities: Ends) -> Tensor:

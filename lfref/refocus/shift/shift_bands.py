@@ -11,7 +11,7 @@ Letters: `B` light fields, `R M` lines of views and views in each, `N` planes, `
 import torch
 from torch import Tensor
 
-from lfref.functional.devices import is_known
+from lfref.functional.devices import is_known, on_device, on_host
 from lfref.refocus import batches, footprint, sampling
 from lfref.refocus.sampling import Border, Interpolation
 from lfref.refocus.shift.shifts import Shifts
@@ -95,21 +95,30 @@ def moved_by_bands(
 
 def _bands(shifts: Tensor, length: int, interpolation: Interpolation, border: Border, dtype: torch.dtype) -> Bands:
     """The bands of an axis of some length, for shifts [...] in pixels."""
-    assert interpolation.weights is not None
     whole = shifts.floor()
     taps = torch.stack(interpolation.weights(shifts - whole), -1)  # [..., T]
-    n_taps = taps.shape[-1]
-    n_samples = BLOCK + n_taps - 1
-    output, tap, sample = (torch.arange(n, device=shifts.device) for n in (BLOCK, n_taps, n_samples))
-    place = (output[None, :, None] + tap[:, None, None] == sample).to(shifts.dtype)  # [T, BLOCK, J]
-    matrix = (taps @ place.flatten(1)).reshape(*shifts.shape, 1, BLOCK, n_samples)
-    starts = BLOCK * torch.arange((length + BLOCK - 1) // BLOCK, device=shifts.device)[:, None]
-    source = whole.long()[..., None, None] + starts + sample - interpolation.before
-    index, exists = border.tap(source, torch.ones_like(shifts)[..., None, None].expand(source.shape), length)
-    matrix = matrix * exists[..., None, :]
+    places = on_device(_places(taps.shape[-1]), shifts.device)
+    n_samples = places.shape[1] // BLOCK
+    matrix = (taps @ places).reshape(*shifts.shape, 1, BLOCK, n_samples)
+    n_blocks = (length + BLOCK - 1) // BLOCK
+    sample, output = (
+        torch.arange(-before, BLOCK * n_blocks - before, BLOCK, device=shifts.device)[:, None]
+        + torch.arange(n, device=shifts.device)
+        for n, before in ((n_samples, interpolation.before), (BLOCK, 0))
+    )
+    index, exists = border.tap(whole.long()[..., None, None] + sample, shifts.new_ones(()), length)
     if border.counts_only_samples:
-        matrix = matrix * sampling.is_sampled(shifts[..., None, None], starts + output, length)[..., None]
-    return index, matrix.to(dtype)
+        matrix = matrix * sampling.is_sampled(shifts[..., None, None], output, length)[..., None]
+    elif exists.ndim:
+        matrix = matrix * exists[..., None, :]
+    return index, matrix.expand(*shifts.shape, n_blocks, BLOCK, n_samples).to(dtype)
+
+
+@on_host
+def _places(n_taps: int) -> Tensor:
+    """1 where a tap of an output is that of a sample of its block, else 0, [T, BLOCK J]."""
+    output, tap, sample = (torch.arange(n) for n in (BLOCK, n_taps, BLOCK + n_taps - 1))
+    return (output[:, None] + tap[:, None, None] == sample).double().flatten(1)
 
 
 def _products(data: Tensor, index: Tensor, weights: Tensor) -> Tensor:

@@ -20,6 +20,7 @@ tap; `G` groups of `TAPS` taps, `R` lines of taps: 1 where all lines of views st
 
 import functools
 import itertools
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -31,9 +32,54 @@ from lfref.functional import loops
 from lfref.functional.loops import compiled, compiling, inlined
 from lfref.refocus import batches, footprint
 from lfref.refocus.footprint import RowFactors
-from lfref.refocus.sampling import TAPS, Integers, Reals, add_taps, rounded_up, set_taps
-from lfref.refocus.shift.shift_plan import Plan
-from lfref.refocus.shift.shifts import combined
+from lfref.refocus.sampling import (
+    TAPS,
+    Border,
+    Integers,
+    Interpolation,
+    Reals,
+    add_taps,
+    rounded_up,
+    set_taps,
+)
+from lfref.refocus.shift.shifts import Shifts, combined
+
+
+class Plan(NamedTuple):
+    """The planes to be summed; equal plans are one key of a cache. N planes, R lines of views, M views in each."""
+
+    rows: tuple[tuple[float, ...], ...]
+    """Vertical shift of each line in pixels, [N, R]."""
+    columns: tuple[tuple[tuple[float, ...], ...], ...]
+    """Horizontal shift of each view of a line, [N, R, M]; [N, 1, M] if all lines are alike."""
+    widths: tuple[float, ...]
+    """Width of the box that blurs each sum, in pixels, [N]; 0: none."""
+    aperture: tuple[tuple[float, ...], ...]
+    """Weight of each view, of sum 1, by lines, [R, M]."""
+    size: tuple[int, int]
+    """Height and width of a view in pixels."""
+    interpolation: Interpolation
+    border: Border
+
+    @property
+    def is_separable(self) -> bool:
+        """Whether all lines have their views at the same columns."""
+        return all(len(columns) == 1 for columns in self.columns)
+
+    @property
+    def reach(self) -> int:
+        """Samples beyond the edge that may be read."""
+        lines = (*self.rows, *(line for plane in self.columns for line in plane))
+        return math.ceil(max(abs(shift) for line in lines for shift in line)) + 1
+
+    def shifts(self, n: int) -> Shifts:
+        """Those of plane n as tensors."""
+        rows, columns, widths = (
+            torch.tensor([own[n]], dtype=torch.float64) for own in (self.rows, self.columns, self.widths)
+        )
+        return Shifts(
+            rows, columns, footprint.taps(widths, footprint.radius(self.widths[n])) if self.widths[n] > 0 else None
+        )
 
 
 class ViewMemory(NamedTuple):
@@ -126,8 +172,29 @@ class RowBuffers(NamedTuple):
     """First row of each plane in the ring, and the end, [N + 1]."""
 
 
-def shift_and_sum(views: Tensor, plan: Plan) -> Tensor:
-    """The sums [B, N, C, H, W] of shifted views [B, V, U, C, H, W], over the weight of those that count."""
+def shift_and_sum(
+    views: Tensor,
+    shifts: Shifts,
+    widths: Tensor | None,
+    aperture: Tensor,
+    interpolation: Interpolation,
+    border: Border,
+) -> Tensor:
+    """The sums [B, N, C, H, W] of shifted views [B, R, M, C, H, W], over the weight of those that count.
+
+    They are blurred by boxes of some widths [N]; the aperture [R, M] is of sum 1.
+    """
+    boxes = torch.zeros(len(shifts.rows)) if widths is None else widths
+    rows, columns, weights = (part.tolist() for part in (shifts.rows, shifts.columns, aperture))
+    plan = Plan(
+        tuple(map(tuple, rows)),
+        tuple(tuple(map(tuple, plane)) for plane in columns),
+        tuple(boxes.tolist()),
+        tuple(map(tuple, weights)),
+        (views.shape[-2], views.shape[-1]),
+        interpolation,
+        border,
+    )
     samples = (views if views.dtype in batches.FULL_SCALE else batches.radiance(views)).detach().numpy()
     working = np.dtype(np.float64 if views.dtype == torch.float64 else np.float32)
     tables = _tables(plan, working, batches.FULL_SCALE.get(views.dtype, 1))

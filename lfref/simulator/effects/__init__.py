@@ -11,6 +11,5 @@ class Effect(checks.Description, abc.ABC):
     """A frozen dataclass of plain numbers; `sensor.Sensor` has the order of all effects."""
 
     @abc.abstractmethod
-    @abc.abstractmethod
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Views [V, U, C, H, W] with the effect; C is 1 between mosaic and demosaicing."""

@@ -31,10 +31,7 @@ def resample(views: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
 
 
 def matrix(positions: Tensor, length: int) -> Tensor:
-    """The resampling of one axis as a matrix: weight of each of `length` samples at each position, [..., K, length].
-
-    Positions [..., K] are in pixels from the centre, float64 like the matrix.
-    """
+    """The resampling of an axis of `length` samples at positions from the centre [..., K]: weights [..., K, length]."""
     samples, weights = interpolation.taps(positions, length)
     return torch.zeros(*positions.shape, length, dtype=positions.dtype).scatter_add_(-1, samples, weights)
 
@@ -77,20 +74,13 @@ class Vignetting(Effect):
 
 
 def falloff(views: Tensor, field: float) -> Tensor:
-    """cos^4 of the field angle at every pixel, a gain in (0, 1], [H, W].
-
-    Only shape, type and device of the views [V, U, C, H, W] count; `field` is the tangent of the angle at the corner.
-    """
+    """cos^4 of the field angle at every pixel, a gain in (0, 1], [H, W]; `field` is its tangent at the corner."""
     x, y = _pixels(views)
     return (1 + field**2 * (x**2 + y**2)) ** -2
 
 
 def clipped_pupil(views: Tensor, displacement: float) -> Tensor:
-    """Share of each view's cell that the rim lets through at every pixel, a gain in [0, 1], [V, U, 1, H, W].
-
-    Only the shape, type and device of the views [V, U, C, H, W] count; `displacement` is the distance by which the rim
-    is displaced at the corner, in radii of the rim.
-    """
+    """Share of each view's cell inside the rim, displaced by some radii at the corner, [V, U, 1, H, W]."""
     x, y = _pixels(views)
     grid = views.shape[:2]
     radius = math.hypot(*grid) / 2
@@ -136,12 +126,9 @@ class Crosstalk(Effect):
 
     def apply(self, views: Tensor, generator: Generator) -> Tensor:
         """Mix the views, [V, U, C, H, W], along both axes."""
-        rows, columns = (_exchange(n_views, self.leak).to(views) for n_views in views.shape[:2])
-        return torch.einsum("ij,vj...->vi...", columns, torch.tensordot(rows, views, 1))
-
-
-def _exchange(n_views: int, leak: float) -> Tensor:
-    """Shares of light between views along one axis: symmetric, rows and columns of sum 1, [n_views, n_views]."""
-    neighbours = torch.diag(torch.ones(n_views - 1, dtype=torch.float64), 1)
-    leaked = leak * (neighbours + neighbours.T)
-    return leaked + torch.diag(1 - leaked.sum(0))
+        shares = []  # of light between views along each axis, symmetric, rows and columns of sum 1
+        for n_views in views.shape[:2]:
+            neighbours = torch.diag(torch.ones(n_views - 1, dtype=torch.float64), 1)
+            leaked = self.leak * (neighbours + neighbours.T)
+            shares.append((leaked + torch.diag(1 - leaked.sum(0))).to(views))
+        return torch.einsum("ij,vj...->vi...", shares[1], torch.tensordot(shares[0], views, 1))

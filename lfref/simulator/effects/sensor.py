@@ -57,10 +57,8 @@ class Sensor(checks.Description):
 
 
 EFFECTS: dict[str, type] = {field.name: get_args(field.type)[0] for field in dataclasses.fields(Sensor)}
-"""Class of the effect in each field of a sensor."""
 # Demosaicing is the first step of software, on samples that are whole numbers.
 ORDER = [step for name in EFFECTS for step in ([name, "demosaic"] if name == "quantisation" else [name])]
-"""Names of all effects in the order of their application."""
 
 
 def effect_chain(sensor: Sensor) -> dict[str, Effect]:

@@ -13,7 +13,7 @@ from torch import nn
 from lfref import geometry
 from lfref.bench.stability import formulas
 from lfref.bench.stability.catalogue import noise
-from lfref.bench.stability.components import OPERATORS
+from lfref.bench.stability.trials import OPERATORS
 from lfref.functional.psnr import inverse_psnr, inverse_psnr_of_mse, psnr
 from lfref.losses.composite import CompositeLoss
 

@@ -1,4 +1,4 @@
-"""Slope ranges: reduced views, the fit of a library, coarse disparity of planes, ranges of scenes."""
+"""Slope ranges: the fit of a library, coarse disparity of planes, ranges of scenes."""
 
 import pytest
 import torch
@@ -29,21 +29,6 @@ def error(coarse_disparity, disparity, border=12):
     """Median over the interior."""
     inside = slice(border, -border)
     return float((coarse_disparity.disparity[inside, inside] - disparity).abs().median())
-
-
-@pytest.mark.parametrize(
-    ("grid", "reference", "count"),
-    [((7, 7), (3, 3), 13), ((14, 14), (7, 7), 13), ((1, 5), (0, 2), 5), ((1, 1), (0, 0), 1)],
-)
-def test_views_lie_on_a_cross_through_the_centre(grid, reference, count):
-    reduced = reduce_views(torch.rand(*grid, 3, 32, 40))
-    assert reduced.indices[0] == reference
-    assert len(set(reduced.indices)) == count
-    assert all(v == reference[0] or u == reference[1] for v, u in reduced.indices)
-    assert reduced.steps.tolist() == [[v - reference[0], u - reference[1]] for v, u in reduced.indices]
-    for axis in (0, 1):
-        expected = [index for index in sorted(reduced.indices) if index[1 - axis] == reference[1 - axis]]
-        assert sorted(reduced.along(axis).indices) == expected
 
 
 def test_smooth_gains_are_taken_out_and_parallax_is_left():
@@ -112,20 +97,19 @@ def test_cameras_may_be_spaced_unevenly_and_counted_in_other_units():
         assert error(coarse(views, positions=unit * positions), 0.8 / unit) < 0.04 / unit
 
 
-def held_against(truth, views):
-    """Share of the true disparities that the range covers, and how many times it is as wide as their 98 %."""
-    low, high = slope_range(coarse(views))
-    ends = truth.flatten().quantile(torch.tensor([0.01, 0.99]))
-    covered = ((truth >= low - 0.02) & (truth <= high + 0.02)).float().mean()  # a plane's range is a single number
-    return float(covered), (high - low) / max(float(ends[1] - ends[0]), 0.1)
-
-
-@pytest.mark.parametrize("name", ["shards", "discs", "crossing", "dome", "deep", "everything"])
+@pytest.mark.parametrize(
+    "name", ["shards", "discs", "crossing", "dome", "deep", "everything", "wide_near_9", "wide_both_7"]
+)
 def test_the_range_covers_a_scene_and_is_hardly_wider(name):
-    simulated = simulate(sim30.SCENES[name], outputs=["views", "disparity"])
-    covered, width = held_against(simulated.disparity, simulated.views)
-    assert covered > 0.98
-    assert width < 1.3
+    made = simulate((sim30.SCENES | sim30.WIDE)[name], outputs=["views", "disparity"])
+    low, high = slope_range(coarse(made.views))
+    # A plane's range is a single number.
+    assert float(((made.disparity >= low - 0.02) & (made.disparity <= high + 0.02)).float().mean()) > 0.98
+    first, last = made.disparity.flatten().quantile(torch.tensor([0.01, 0.99])).tolist()
+    assert high - low < 1.3 * max(last - first, 0.1)
+    if name in sim30.WIDE:
+        to_search = scene_range(made.views)
+        assert to_search.low < float(made.disparity.min()) < float(made.disparity.max()) < to_search.high
 
 
 def test_strays_and_unsure_pixels_are_left_out():
@@ -165,17 +149,6 @@ def test_a_small_surface_counts_for_the_range_to_search():
             views[v, u, :, rows, columns] = twig[v, u, :, rows, columns]
     assert scene_range(views).high > 7
     assert scene_range(views).high < 10
-
-
-@pytest.mark.parametrize("name", ["wide_near_9", "wide_both_7"])
-def test_the_range_of_a_wide_scene_covers_it_and_is_tight(name):
-    simulated = simulate(sim30.WIDE[name], outputs=["views", "disparity"])
-    covered, width = held_against(simulated.disparity, simulated.views)
-    assert covered > 0.98
-    assert width < 1.3
-    found = scene_range(simulated.views)
-    assert found.low < float(simulated.disparity.min())
-    assert found.high > float(simulated.disparity.max())
 
 
 def test_sheen_on_a_wall_does_not_move_the_wall():

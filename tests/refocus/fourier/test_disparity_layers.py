@@ -61,11 +61,10 @@ def test_bad_arguments_are_refused(options):
 
 
 SLOPES = [-2.0, -0.5, 0.0, 0.8]
-TRIED = [-1.0, -0.25, 0.5]
 
 
-def planes(*disparities, grid=(5, 5)):
-    return sum(shifted_views(texture(3, 40, 45), d, grid) for d in disparities) / len(disparities)
+def layered(*disparities):
+    return sum(shifted_views(texture(3, 48, 60), d, GRID) for d in disparities) / len(disparities)
 
 
 @pytest.mark.parametrize("weights", [None, apertures.disc((5, 5)), torch.arange(25.0).reshape(5, 5)])
@@ -88,17 +87,13 @@ def test_blur_has_no_copies():
 
 
 def test_estimated_disparities_do_nearly_as_well_as_the_true_ones():
-    views = planes(-1.0, 0.5)
+    views = layered(-1.0, 0.5)
     truth = refocus_by_layers(views, SLOPES, [-1.0, 0.5], ridge=1e-6)
     estimated, points = (refocus_by_layers(views, SLOPES, fill_factor=fill_factor) for fill_factor in (1.0, 0.0))
     assert (estimated - truth).square().mean() < (points - truth).square().mean() / 30
 
 
 FULL = batches.checked_weights(None, (5, 5))
-
-
-def layered(*disparities, grid=(5, 5)):
-    return sum(shifted_views(texture(3, 48, 60), d, grid) for d in disparities) / len(disparities)
 
 
 @pytest.mark.parametrize("disparities", [(0.6,), (-1.25, 0.5), (-3.0, -1.0, 1.5)])

@@ -1,4 +1,4 @@
-"""Exact refocusing against interpolation by matrices; its filters against circular convolutions, summed up."""
+"""Exact refocusing in float32 and through cells; its filters against circular convolutions, summed up."""
 
 import numpy as np
 import pytest
@@ -7,34 +7,8 @@ import torch
 from lfref import geometry
 from lfref.refocus.fourier import exact
 from lfref.refocus.fourier.exact import exact_fourier
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from tests.refocus.conftest import dirichlet
 
-SIZES = [(16, 18), (15, 17), (16, 17), (15, 18)]
 SLOPES = [-1.3, 0.0, 0.37, 1.0]
-
-
-def slow_periodic(views: torch.Tensor, slope: float) -> torch.Tensor:
-    """Trigonometric interpolation by matrices, one view at a time, no FFT."""
-    n_rows, n_columns, _, height, width = views.shape
-    image = torch.zeros_like(views[0, 0])
-    for v in range(n_rows):
-        for u in range(n_columns):
-            row = dirichlet(height, slope * (v - (n_rows - 1) / 2))
-            column = dirichlet(width, slope * (u - (n_columns - 1) / 2))
-            image += row @ views[v, u] @ column.T
-    return image / (n_rows * n_columns)
-
-
-@pytest.mark.parametrize(("height", "width"), SIZES)
-@pytest.mark.parametrize("grid", [(3, 4), (7, 7)])
-def test_equals_periodic_shift_and_sum_in_float64(height, width, grid):
-    # White noise has full energy at Nyquist, where even sizes go wrong first.
-    views = torch.rand(*grid, 2, height, width, dtype=torch.float64)
-    stack = exact_fourier(views, SLOPES)
-    torch.testing.assert_close(stack, shift_and_sum(views, SLOPES, "exact", "wrap"), atol=1e-12, rtol=0)
-    for image, slope in zip(stack, SLOPES, strict=True):
-        torch.testing.assert_close(image, slow_periodic(views, slope), atol=1e-12, rtol=0)
 
 
 def test_float32_phases_hold_at_full_size_and_large_slopes():

@@ -1,11 +1,10 @@
-"""Mixing: responses as sums over the views, products and solutions written out, frames of pictures."""
+"""Mixing: responses as sums over the views, products and solutions written out."""
 
 import math
 
 import pytest
 import torch
 
-from lfref.functional import fourier
 from lfref.refocus import apertures, batches
 from lfref.refocus.fourier import layer_mixing
 from lfref.refocus.fourier.layer_mixing import Matrices
@@ -48,15 +47,6 @@ def test_a_response_is_the_sum_over_the_views_and_real_if_opposite_ones_weigh_th
         torch.testing.assert_close(at_distance.to(torch.complex128), expected, atol=1e-6, rtol=0)
 
 
-def test_points_and_their_cells_are_the_whole_square():
-    points = layer_mixing.aperture_response(DISTANCES, batches.checked_weights(None, (3, 4)), PIXELS)
-    assert points.rows.shape[-2] == points.columns.shape[-2] == 1  # one product of a row and a column
-    square = written_out(points.times(layer_mixing.cell_response(DISTANCES, 1, PIXELS)))
-    ky, kx = torch.fft.fftfreq(PIXELS[0]).double()[:, None], torch.fft.rfftfreq(PIXELS[1]).double()
-    expected = torch.stack([torch.sinc(3 * e * ky) * torch.sinc(4 * e * kx) for e in DISTANCES[0]])
-    torch.testing.assert_close(square, expected, atol=1e-6, rtol=0)
-
-
 SIZE = (7, 21)  # of the spectra: no multiple of the lanes of a compiled loop
 
 
@@ -84,29 +74,3 @@ def test_products_and_solutions_are_those_of_the_matrices_written_out(dtype):
     solution = layer_mixing.solve(numbers, matrices, diagonal)
     again = layer_mixing.multiply(solution, matrices) + diagonal[:, None, None, None] * solution
     torch.testing.assert_close(again, numbers, atol=1e-12, rtol=0)
-
-
-def extended(frame, pictures):
-    """Periods that hold the pictures."""
-    return frame.extended(pictures)
-
-
-@pytest.mark.parametrize("reaches", [(0.0, 0.0), (3.2, 3.2), (40.0, 6.5)])
-def test_edge_frames_have_room_for_the_reach_at_every_side_and_repeat_the_outermost_pixels(reaches):
-    frame, pictures = layer_mixing.make_frame("edge", (5, 8), reaches), torch.rand(2, 3, 5, 8)
-    period = extended(frame, pictures)
-    assert period.shape == (2, 3, *frame.period)
-    assert all(fourier.is_fast(length) for length in frame.period)
-    for reach, first, length, whole in zip(reaches, frame.first, frame.size, frame.period, strict=True):
-        assert first > reach
-        assert whole - first - length > reach
-    assert torch.equal(period[..., 0, 0], pictures[..., 0, 0])
-    assert torch.equal(period[..., -1, frame.first[1] + 2], pictures[..., -1, 2])
-
-
-@pytest.mark.parametrize("border", ["edge", "wrap"])
-def test_pictures_come_back_from_the_spectra_of_their_periods(border):
-    frame, pictures = layer_mixing.make_frame(border, (5, 8), (2.0, 2.0)), torch.rand(3, 5, 8, dtype=torch.float64)
-    period = extended(frame, pictures)
-    assert (period.shape == pictures.shape) == (border == "wrap")
-    torch.testing.assert_close(frame.pictures(torch.fft.rfft2(period)), pictures, atol=1e-14, rtol=0)

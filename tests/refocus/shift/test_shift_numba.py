@@ -1,11 +1,11 @@
-"""The compiled loops against PyTorch's operations, which are tested against the definition in `test_shift_and_sum`."""
+"""The compiled loops against PyTorch's operations, which are tested against the definition in `test_batches`."""
 
 import pytest
 import torch
 
 from lfref.refocus import batches, footprint
 from lfref.refocus.sampling import BORDERS, INTERPOLATIONS
-from lfref.refocus.shift import shift_numba, shift_plan
+from lfref.refocus.shift import shift_numba
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.refocus.shift.shift_bands import sum_by_bands
 from lfref.refocus.shift.shifts import Shifts, shifts_of
@@ -23,13 +23,12 @@ def both(views, slopes=SLOPES, interpolation="linear", border="renormalize", wei
     method, rule = INTERPOLATIONS[interpolation], BORDERS[border]
     aperture = batches.checked_weights(weights, views.shape[1:3])
     shifts = shifts_of(planes, views.shape[1:3], method)
-    plan = shift_plan.plan(shifts, widths, aperture, views.shape[-2:], method, rule)
-    boxes = None
+    boxes, widths = None, None if widths is None else torch.tensor(widths, dtype=torch.float64)
     if widths is not None:
-        boxes = footprint.taps(torch.tensor(widths, dtype=torch.float64), footprint.radius(max(widths)))
-    aperture = aperture.to(batches.working_dtype(views.dtype))
-    slow = sum_by_bands(views, Shifts(shifts.rows, shifts.columns, boxes), aperture, method, rule)
-    return shift_numba.shift_and_sum(views, plan), slow
+        boxes = footprint.taps(widths, footprint.radius(float(widths.max())))
+    in_working_type = aperture.to(batches.working_dtype(views.dtype))
+    slow = sum_by_bands(views, Shifts(shifts.rows, shifts.columns, boxes), in_working_type, method, rule)
+    return shift_numba.shift_and_sum(views, shifts, widths, aperture, method, rule), slow
 
 
 @pytest.mark.parametrize("border", ["renormalize", "edge", "zero", "wrap"])
@@ -70,4 +69,3 @@ def test_derivatives_are_taken_by_eager_operations(monkeypatch):
     assert float(views.grad.sum()) == pytest.approx(views.shape[-2] * views.shape[-1])
     views = views.detach()
     torch.func.vmap(lambda x: shift_and_sum(x, [0.3]))(views[None])
-    shift_and_sum(views, [0.3], "exact")

@@ -6,6 +6,7 @@ from torch.autograd import gradcheck
 
 from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, Vignetting
 from lfref.simulator.effects.recording import Clipping, Exposure, Mosaic, Noise, Quantisation, ToneCurve, WhiteBalance
+from tests.simulator.drawing import applied
 
 SHAPES = [(3, 2, 3, 6, 7), (1, 1, 3, 3, 3)]
 ACTIVE = [
@@ -20,10 +21,6 @@ ANGULAR = [Chromatic(disparity=(0.2, 0.0, 0.0)), Crosstalk(0.1), Crosstalk(1 / 3
 NEUTRAL = [
     kind() for kind in (Chromatic, Vignetting, Misalignment, Crosstalk, Exposure, Noise, WhiteBalance, ToneCurve)
 ]
-
-
-def applied(effect, views, seed=0):
-    return effect.apply(views, torch.Generator().manual_seed(seed))
 
 
 def each(effects):

@@ -9,10 +9,7 @@ from lfref import geometry
 from lfref.functional import fourier
 from lfref.simulator.effects import optics
 from lfref.simulator.effects.optics import Chromatic, Crosstalk, Misalignment, clipped_pupil, falloff
-
-
-def applied(effect, views, seed=0):
-    return effect.apply(views, torch.Generator().manual_seed(seed))
+from tests.simulator.drawing import applied
 
 
 def test_each_colours_radius_shrinks_by_its_magnification():

@@ -17,10 +17,7 @@ from lfref.simulator.effects.recording import (
     mosaicked,
     noisy,
 )
-
-
-def applied(effect, views, seed=0):
-    return effect.apply(views, torch.Generator().manual_seed(seed))
+from tests.simulator.drawing import applied
 
 
 @pytest.mark.parametrize("pattern", list(PATTERNS))

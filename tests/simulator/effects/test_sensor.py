@@ -28,24 +28,24 @@ def generator_of(seed, name):
 def planned(sensor, radiance, seed=0, output="views", force=False):
     render = Pass("render", (), "radiance", lambda: radiance)
     passes = sensor_passes(sensor, seed)
-    return planner.plan([render, *passes], [output], force)
+    results, rows = planner.run([render, *passes], [output], force)
+    return results[output], rows
 
 
 @given(sensor=drawing.SENSORS, seed=st.integers(0, 2**32), grid=st.sampled_from([(3, 2), (1, 1), (1, 4)]))
 @settings(max_examples=20, deadline=None)
 def test_planned_is_forced_draw_for_draw(sensor, seed, grid):
     radiance = 1.2 * torch.rand(*grid, 3, 6, 7, generator=torch.Generator().manual_seed(seed))
-    few, all_ = (planned(sensor, radiance, seed, force=force) for force in (False, True))
-    views = few.run()["views"]
-    torch.testing.assert_close(views, all_.run()["views"], atol=1e-6, rtol=0)
+    (views, _), (forced, rows) = (planned(sensor, radiance, seed, force=force) for force in (False, True))
+    torch.testing.assert_close(views, forced, atol=1e-6, rtol=0)
     assert views.shape == radiance.shape
     assert bool(views.isfinite().all())
-    assert sum(row.state == "run" for row in all_.explain()) == len(ORDER) + 1
+    assert sum(row.state == "run" for row in rows) == len(ORDER) + 1
 
 
 def test_all_effects_together_are_one_after_the_other():
     radiance = torch.rand(3, 3, 3, 8, 8)
-    views = planned(FULL, radiance, seed=4).run()["views"]
+    views, _ = planned(FULL, radiance, seed=4)
     expected = radiance
     for name in ORDER:
         if name != "demosaic":
@@ -61,4 +61,4 @@ def test_all_effects_together_are_one_after_the_other():
     ]  # fmt: skip
     assert all(vars(FULL).values())
     assert drawing.EFFECTS.keys() == vars(FULL).keys()
-    assert planned(Sensor(), radiance).run()["views"] is radiance
+    assert planned(Sensor(), radiance)[0] is radiance
