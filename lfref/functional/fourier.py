@@ -136,7 +136,7 @@ class Frame(NamedTuple):
 
 
 Factors = Sequence[tuple[Tensor, Tensor]]
-"""Of each line those of rows, [2, N, h], and of columns, [2, N, U, w // 2 + 1]."""
+"""Filters of each line, real and imaginary parts: of its rows, [2, N, h], and its columns, [2, N, U, w // 2 + 1]."""
 
 
 def filtered_lines(lines: Iterable[Tensor], factors: Factors, frame: Frame) -> Tensor:

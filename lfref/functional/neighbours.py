@@ -84,7 +84,7 @@ def smoothed(images: Tensor, sigma: float) -> Tensor:
     offsets = torch.arange(-half_width, half_width + 1, dtype=torch.float64, device=images.device)
     window = (-(offsets / sigma).square() / 2).softmax(0).to(images.dtype)
     padded = F.pad(images, (half_width,) * 4, mode="replicate")
-    if torch.compiler.is_exporting():  # the number of channels of a file is no variable
+    if torch.compiler.is_exporting():  # a file has a fixed number of channels
         rows = F.conv2d(padded[:, None], window.expand(1, 1, 1, -1))
         return F.conv2d(rows, window[:, None].expand(1, 1, -1, 1))[:, 0]
     with torch.autocast(images.device.type, enabled=False):

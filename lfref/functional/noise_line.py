@@ -31,7 +31,7 @@ LEAST_BLOCKS = 500
 SAMPLES = 1 << 19
 """Approximate number of samples that are measured."""
 N_STEPS = 5
-"""Steps of the fit of a line; the last one changes the noise by less than 1e-5 of it."""
+"""Steps of the fit of a line: in the median of sim30 the noise is within 1e-6 of what 40 steps find."""
 TINY, APART = 1e-30, 1e4
 """Least power; distance of two levels in logarithms of power."""
 

@@ -52,7 +52,7 @@ NEAR, FADE = 1.0, 0.3
 """Distance of a plane from the disparities of a block, in pixels per view step, from which views are filtered alike
 everywhere, and the range before it over which the block's filters fade: blur hides aliases from about 1 on."""
 APART = 8
-"""Pixels that the planes of a block are read apart, at most, to be filtered together on a processor."""
+"""Largest distance, in pixels, between what two planes of a block read of a view, if a loop filters both together."""
 REACH = (5.0, 7.0)
 """Distances in pixels between the first and the last pixel that a filter must read: from the first one on it fades out,
 from the second one on it is not used."""
@@ -125,8 +125,7 @@ def refocus_by_blocks(
         for _, of_axis in axes
     ]
     n_planes, n_blocks = nearness.shape
-    every = torch.arange(n_blocks, device=field.device)
-    parts = (every,)
+    parts = (torch.arange(n_blocks, device=field.device),)
     if is_known(nearness):
         some = (nearness > 0).any(0).nonzero()[:, 0]
         parts = some.split(max(1, FILTERS_AT_ONCE // max(lengths)))
@@ -135,7 +134,7 @@ def refocus_by_blocks(
         # Block by block: its views stay in the processor's caches.
         if is_known(nearness) or torch.compiler.is_exporting():
             b, n = (nearness[:, blocks] > 0).T.nonzero().unbind(1)
-        else:  # the host would wait for the number of those that are near
+        else:  # all planes: the host would wait for the number of those that are near
             item = torch.arange(n_blocks * n_planes, device=field.device)
             b, n = item // n_planes, item % n_planes
         # Taps lie around the middle of all that is read: pixels in focus, and those at the disparities of the block.

@@ -128,7 +128,7 @@ def _median_at_whole_slopes(
     fractional = ((planes - planes.round()).abs() / WHOLE).clamp(max=1)
     is_whole = fractional < 1
     if torch.compiler.is_exporting():
-        is_whole |= fractional == fractional.amin(0)  # a file cannot sum no planes
+        is_whole |= fractional == fractional.amin(0)  # a file sums one plane at least
     elif not bool(is_whole.any()):
         return stack
     whole = is_whole.nonzero()[:, 0]

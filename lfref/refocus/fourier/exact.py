@@ -95,6 +95,7 @@ def spectra_of_sum(views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor
 def _lines_and_factors(
     views: Tensor, rows: Tensor, columns: Tensor, weights: Tensor | None
 ) -> tuple[Iterator[Tensor], Factors]:
+    """The lines of views, [U, B C, H, W] each, and their factors times the weights."""
     working = batches.working_dtype(views.dtype)
     columns = columns.unsqueeze(2) if columns.ndim == 4 else columns
     rows, columns = rows.to(working), columns.to(working)
