@@ -35,8 +35,8 @@ from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes, even_planes
 from lfref.lightfield import LightField
 from lfref.refocus import apertures
-from lfref.refocus.focus.line_range import disparity_range
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.scene import analyze_scene
 from lfref.refocus.shift.shift_and_sum_antialiased import cell_widths
 from lfref.refocuser.refocuser import Aperture, OperatorRefocuser, Refocuser
 from lfref.simulator.effects.sensor import Sensor
@@ -166,7 +166,7 @@ def dense_integral(views: Tensor, slopes: Tensor) -> Tensor:
 
     Far from focus, a sum of points would leave copies of edges: views are blurred by the distance from the middle.
     """
-    boxes = cell_widths(slopes, disparity_range(views))
+    boxes = cell_widths(slopes, analyze_scene(views).ends)
     planes = zip(slopes.tolist(), boxes.tolist(), strict=True)
     return torch.cat(
         [exact_fourier(views, [slope], fill_factor=1.0, disparity=slope - box) for slope, box in planes], -4

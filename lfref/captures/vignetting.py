@@ -1,21 +1,23 @@
 """Vignetting: the light that views lack towards their corners is restored; dark samples have less weight.
 
-A flat field gives the gain of every sample. Without one, brightness from view to view shows where the rim of the
-lens clips the pupil (cat's eye). Since a point lies elsewhere in each view, brightness also shows the falloff that all
-views share, if the scene has depth; that estimate is used only for a lens whose rim is visible, because highlights
-that move look like falloff.
+A flat field gives the gain of every sample. Without one, brightness from view to view shows three things: the rim of
+the lens that clips the pupil (cat's eye), shading that differs smoothly between views, and, since a point lies
+elsewhere in each view, the falloff that all views share, if the scene has depth. Each of them counts only if it
+explains quarters of the picture to which it was not fitted better than the model without it.
 
 The rim is a disc of `radius` view steps, displaced by `displacement` times the place in the picture; a view keeps the
 share of its cell inside the disc. All views lose light by falloff, 1 / (1 + falloff r^2)^2 (cos^4 of the field angle).
+Smooth shading is symmetric about the axis of the lens: the logarithm of the light has the terms of
+(q y + p x), r^2 and s = q^2 + p^2 up to the fourth order that are neither the same in all views nor in a whole view.
 Letters: `y x` place in half diagonals from the picture's centre, `q p` view row and column from the angular centre,
-`r` distance, `n` windows, `i j` parameters.
+`r` distance from the centre, `n` windows, `i j` parameters.
 Source: Goldman and Chen, "Vignette and Exposure Calibration and Compensation", 2005 (moving pictures show falloff).
 """
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -23,19 +25,30 @@ from torch.nn import functional as F
 
 from lfref import geometry
 from lfref.captures import Defect, registration
-from lfref.captures.brightness import LEAST_RATIO, LEAST_WINDOWS, Ratios
+from lfref.captures.brightness import LEAST_RATIO, LEAST_WINDOWS, SHOWN, Ratios
 from lfref.errors import InputError
 from lfref.functional import neighbours
 from lfref.lightfield import LightField
 
-LEAST_GAIN = 4e-3  # squared scatters per window, by trial: a clipped pupil must explain the views better by this
-SURE = 6.0  # standard errors of falloff: gloss reaches 6.6 on scenes without falloff, where no rim is visible
-AGREED = 0.5  # share of the falloff, by trial, that three quarters of the picture must show: a gloss shows in one
+LEAST_GAIN = 4e-3  # squared scatters per window, by trial: a term must explain the views better by this
+SURE = 2.5  # standard errors of that gain from which it is certain: clean scenes reach 2.1, gloss 1.7
+GLOSSY = 5.0  # standard errors by which gloss displaces the falloff, by trial
+USUAL = 0.3  # standard deviation of the falloff of lenses; cos^4 of 31 degrees is .36
+DARK = math.log(0.7)  # logarithm of the light that is left at an edge that a rim makes dark
 UNTRUSTED, TRUSTED = 0.02, 0.1  # gains, by trial: weight 0 below the first, full weight above the second
 CERTAIN = 6.0  # standard deviations of a flat field's noise, by trial
 LEAST_LOSS = 0.01  # share of the light that one sample in a hundred lacks, by trial: less hardly shows
 NOISE = 2e-3  # standard deviation that noise may leave in gains, half a level of 8 bits
 WIDEST = 10.0  # pixels, by trial: largest standard deviation of the smoothing, so that the rim and dust stay
+NO_RIM = 1e3  # view steps
+Lens = tuple[float, ...]
+"""Parameters of a lens: falloff, displacement and radius of the rim, five coefficients of smooth shading."""
+NO_LENS: Lens = (0.0, 0.0, NO_RIM, 0.0, 0.0, 0.0, 0.0, 0.0)
+RIM = (1, 2)
+TERMS = {"falloff": (0,), "rim": RIM, "shading": (3,), "its shape": (4, 5, 6, 7)}
+"""Terms of a lens -> their parameters."""
+LARGEST = (0.1, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3)  # changes of parameters in one step
+BOUNDS = ((-0.2, 3.0), (0.0, 20.0), (0.5, 100.0), *[(-9.0, 9.0)] * 5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,20 +58,23 @@ class VignettingDefect(Defect):
     name = "vignetting"
     needs_light = True
 
-    falloff: float = 0.0  # square of the tangent of the field angle at the corner; 0 where it is unknown
-    displacement: float = 0.0
-    """Displacement of the rim at the picture's corner, in view steps; 0 where it clips nothing."""
-    radius: float = 1e3  # radius of the rim, in view steps
+    lens: Lens = NO_LENS
+    """Falloff, the square of the tangent of the field angle at the picture's corner, 0 where it is unknown;
+    displacement of the rim at the corner, and its radius, in view steps; coefficients of smooth shading."""
     flat_field: Tensor | None = None  # gain from a flat field, [V, U, C, H, W]
 
     def summary(self) -> str:
-        """Light left in the darkest corner, and what is unknown."""
+        """What the lens does, and what is unknown."""
         if self.flat_field is not None:
             return f"by the flat field, down to {self.flat_field.min():.0%} of the light"
-        left = float(falloff_gain(self._rim, torch.tensor(1.0), torch.tensor(0.0)))
-        falloff = f"{left:.0%} in all corners, by parallax" if self.falloff else "unknown without a flat field"
-        rim = f"a rim of {self.radius:.2f} view steps, displaced by {self.displacement:.2f} at the corners"
-        return f"{rim}; falloff that all views share: {falloff}"
+        falloff, displacement, radius, *shading = self.lens
+        parts = []
+        if displacement:
+            parts += [f"a rim of {radius:.2f} view steps, displaced by {displacement:.2f} at the corners"]
+        if any(shading):
+            parts += ["shading that differs smoothly between views"]
+        left = f"{(1 + falloff) ** -2:.0%} in all corners, by parallax" if falloff else "unknown without a flat field"
+        return "; ".join([*parts, f"falloff that all views share: {left}"])
 
     def gain(self, field: LightField) -> Tensor:
         """Light that reaches each sample, relative to the middle of the central view, float32, [V, U, C or 1, H, W]."""
@@ -66,7 +82,7 @@ class VignettingDefect(Defect):
             return self.flat_field.to(torch.float32, copy=True)
         y, x = (2 * geometry.angular_offsets(length).float() / math.hypot(*field.size) for length in field.size)
         q, p = registration.positions_of(field).float().unflatten(0, field.grid)[..., None, None, None].unbind(2)
-        return rim_gain(self._rim, y[:, None], x, q, p) * falloff_gain(self._rim, y[:, None], x)
+        return lens_gain(self.lens, y[:, None], x, q, p)
 
     def corrected(self, field: LightField) -> LightField:
         """Samples divided by their gain; those with next to no light stay as they are and have no weight."""
@@ -76,10 +92,6 @@ class VignettingDefect(Defect):
         if field.weight is not None:
             weight *= field.weight
         return dataclasses.replace(field, views=views, weight=None if bool((weight == 1).all()) else weight)
-
-    @property
-    def _rim(self) -> "Rim":
-        return Rim(self.falloff, self.displacement, self.radius)
 
 
 def find_by_flat_field(flat_field: LightField) -> VignettingDefect | str:
@@ -95,193 +107,185 @@ def find_by_flat_field(flat_field: LightField) -> VignettingDefect | str:
 
 
 def find(ratios: Ratios) -> VignettingDefect | str:
-    """Estimate the rim, if it explains the views clearly better than none; falloff is 0 where it is uncertain."""
+    """Estimate the lens, term by term: each must explain held-out quarters of the picture better than none."""
     # Standard deviation of ratios from window to window, by neighbours.
     log, known = (maps.unflatten(-1, ratios.shape) for maps in (ratios.log.mean(2), ratios.known))
     steps = (log[..., 1:] - log[..., :-1])[known[..., 1:] & known[..., :-1]]
     if len(steps) < LEAST_WINDOWS * known.shape[0] * known.shape[1] / 2:
         return "unknown: too little is visible in all views"
-    scatter = 1.4826 * float(steps.abs().median()) / math.sqrt(2)
-    fit = fit_rim(ratios, scatter)
-    rim = fit.rim
-    # A rim is wrong if it leaves next to no light where a view shows more than a tenth of it. A window is as wide as
-    # the rim's edge: it is dark if it lies a view step beyond the rim.
-    gain = rim_gain(rim._replace(radius=rim.radius + 1), *ratios.places, *ratios.views)
-    central = rim_gain(rim, *ratios.places[(slice(None), *ratios.centre)], *ratios.views[(slice(None), *ratios.centre)])
-    is_dark = ratios.known & (gain < UNTRUSTED)
-    light = central * torch.where(is_dark, ratios.log.mean(2).exp(), 0.0)
-    if bool((light.sum(2) / is_dark.sum(2).clamp(min=1) > TRUSTED).any()):
-        return "unknown: no rim fits the views"
-    if fit.gain < LEAST_GAIN or not rim.displacement:
+    problem = _Problem(ratios, 1.4826 * float(steps.abs().median()) / math.sqrt(2))
+    lens, terms = NO_LENS, list[str]()
+    costs = problem.held_out_costs(lens, ())
+    while True:
+        # Smooth shading would take the rest of a rim, and a rim the rest of smooth shading.
+        options = [term for term in TERMS if term not in terms and not {term, *terms} >= {"rim", "shading"}]
+        trials = []
+        for term in options:
+            if term == "its shape" and "shading" not in terms:
+                continue
+            free = [n for name in (*terms, term) for n in TERMS[name]]
+            fitted = problem.with_term(lens, term, free)
+            if term != "rim" or problem.is_rim_dark(fitted):
+                trials.append((problem.held_out_costs(fitted, free), fitted, term))
+        trials = [trial for trial in trials if problem.is_better(trial[0], costs)]
+        if not trials:
+            break
+        costs, lens, term = min(trials, key=lambda trial: float(trial[0].sum()))
+        terms.append(term)
+    if "falloff" in terms:
+        # Highlights that move look like falloff: the mean of what is usual and what is measured, by their errors; more
+        # than twice the usual is no falloff.
+        error = GLOSSY * problem.falloff_error(lens, [n for name in terms for n in TERMS[name]])
+        falloff = lens[0] * USUAL**2 / (USUAL**2 + error**2) if 0 < lens[0] < 2 * USUAL else 0.0
+        lens = (falloff, *lens[1:])
+    if float(lens_gain(lens, *problem.places, *problem.views).clamp(min=LEAST_RATIO).log().abs().max()) < SHOWN:
         return "no view is darker in its corners than others"
-    is_sure = rim.falloff > SURE * fit.falloff_error and fit.least_falloff > AGREED * rim.falloff
-    falloff = rim.falloff if is_sure else 0.0
-    if falloff < SURE * fit.disagreement:
-        # Too bright corners look worse than dark ones: what the quarters do not share is left.
-        falloff = max(0.0, falloff - fit.disagreement)
-    return VignettingDefect(falloff, rim.displacement, rim.radius)
+    return VignettingDefect(lens)
 
 
-class Rim(NamedTuple):
-    """Parameters of a lens, in the order of the fit."""
-
-    falloff: float = 0.0  # square of the tangent of the field angle at the picture's corner
-    displacement: float = 0.0  # displacement of the rim at the picture's corner, in view steps
-    radius: float = 1e3  # radius of the rim, in view steps
-
-
-class RimFit(NamedTuple):
-    """A rim, and how certain it is."""
-
-    rim: Rim
-    gain: float
-    """Squared scatters per window by which the rim explains the views better than a pupil that is not clipped, in the
-    second worst of the picture's four quarters."""
-    falloff_error: float  # standard error of the falloff, from the disagreement of the picture's tiles
-    least_falloff: float = math.inf  # falloff of the second worst quarter by itself
-    disagreement: float = 0.0  # standard error of the falloff, from the disagreement of quarters, each by itself
-
-
-def rim_gain(rim: Rim, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
+def rim_gain(lens: Lens, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
     """Share of each view that the rim lets through, relative to the centre of the view, [0, 1]; any shapes."""
-    distance = torch.hypot(q - rim.displacement * y, p - rim.displacement * x)
+    _, displacement, radius, *_ = lens
+    distance = torch.hypot(q - displacement * y, p - displacement * x)
     # A cell is one view step wide: its share falls from 1 to 0 over one step across the rim.
-    own = (rim.radius + 0.5 - torch.hypot(q, p)).clamp(LEAST_RATIO, 1)
-    return ((rim.radius + 0.5 - distance) / own).clamp(0, 1)
+    own = (radius + 0.5 - torch.hypot(q, p)).clamp(LEAST_RATIO, 1)
+    return ((radius + 0.5 - distance) / own).clamp(0, 1)
 
 
-def falloff_gain(rim: Rim, y: Tensor, x: Tensor) -> Tensor:
+def falloff_gain(lens: Lens, y: Tensor, x: Tensor) -> Tensor:
     """Share of the light that falloff leaves in all views, (0, 1]."""
-    return (1 + rim.falloff * (y.square() + x.square())).clamp(min=0.1) ** -2
+    return (1 + lens[0] * (y.square() + x.square())).clamp(min=0.1) ** -2
 
 
-def fit_rim(ratios: Ratios, scatter: float) -> RimFit:
-    """Find the rim that explains the ratios best; `scatter` is that of their logarithms between windows."""
-    scale = 2 * max(scatter, 1e-3)
-    # A coarse grid of starts, compared by every second view; the six best are refined by all views, the best of them
-    # until it rests: the cost has a narrow valley, along which displacement and radius grow together.
-    radius = math.hypot(*ratios.known.shape[:2]) / 2
-    starts = [Rim(0.0, 0.0, radius)] + [
-        Rim(0.0, displacement * radius, size * radius)
-        for size in (1.0, 0.9, 0.8, 0.7, 0.6)
-        for displacement in (0.12, 0.25, 0.4, 0.6, 0.85, 1.2)
-    ]
-    starts = sorted(starts, key=_RimProblem(ratios, scale, every=2).cost)
-    if not starts[0].displacement:
-        return RimFit(Rim(), 0.0, math.inf)
-    problem = _RimProblem(ratios, scale)
-    rim = min((problem.refined(start) for start in starts[:6]), key=problem.cost)
-    rim = min((rim, problem.refined(rim, rounds=32)), key=problem.cost)
-    quarters = problem.falloffs(rim)
-    least, disagreement = float(quarters.sort().values[1]), float(quarters.std()) / 2
-    return RimFit(rim, problem.gain(rim), problem.falloff_error(rim), least, disagreement)
+def shading_gain(lens: Lens, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
+    """Light of smooth shading, relative to the central view and to the centre of each view."""
+    across, place, view = q * y + p * x, y.square() + x.square(), q.square() + p.square()
+    terms = (across, across * view, across * place, across.square(), place * view)
+    return torch.exp(sum((factor * term for factor, term in zip(lens[3:], terms, strict=True)), torch.zeros(()).to(y)))
 
 
-class _RimProblem:
-    """The fit of a rim to logarithms of brightness, [VU, n]; a constant of each view, its exposure, is free."""
+def lens_gain(lens: Lens, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
+    """Light that a lens lets through; arguments as in `rim_gain`."""
+    return rim_gain(lens, y, x, q, p) * falloff_gain(lens, y, x) * shading_gain(lens, y, x, q, p)
 
-    def __init__(self, ratios: Ratios, scale: float, every: int = 1) -> None:
-        known = ratios.known.flatten(0, 1)[::every]
+
+class _Problem:
+    """The fit of a lens to logarithms of brightness, [VU, n]; a constant of each view, its exposure, is free.
+
+    `scatter` is that of the logarithms between windows; outliers such as highlights have next to no weight.
+    """
+
+    def __init__(self, ratios: Ratios, scatter: float) -> None:
+        known = ratios.known.flatten(0, 1)
         # More than 8 windows give a view's exposure.
         self.known = known & (known.sum(1, keepdim=True) > 8)
-        self.log, self.scale = ratios.log.mean(2).flatten(0, 1)[::every], scale
-        self.y, self.x = ratios.places.flatten(1, 2)[:, ::every]
-        self.q, self.p = ratios.views.flatten(1, 2)[:, ::every]
-        self.y0, self.x0 = ratios.places[(slice(None), *ratios.centre)]
-        self.q0, self.p0 = ratios.views[(slice(None), *ratios.centre)]
+        self.log, self.scale = ratios.log.mean(2).flatten(0, 1), 2 * max(scatter, 1e-3)
+        self.places, self.views = ratios.places.flatten(1, 2), ratios.views.flatten(1, 2)
+        self.central = (*ratios.places[(slice(None), *ratios.centre)], *ratios.views[(slice(None), *ratios.centre)])
+        y, x = self.central[:2]
+        self.quarters = 2 * (y > 0).long() + (x > 0)
+        self.tiles = (((y + 1) * 3).long() * 6 + ((x + 1) * 3).long()).clamp(0, 35)
+        self.radius = math.hypot(*ratios.known.shape[:2]) / 2
 
-    def explained(self, rim: Rim) -> Tensor:
+    def explained(self, lens: Lens) -> Tensor:
         """Logarithm of each view's gain, relative to the central view, [VU, n]."""
         own, central = (
-            rim_gain(rim, y, x, q, p).clamp(min=LEAST_RATIO).log()
-            + falloff_gain(rim, y, x).clamp(min=LEAST_RATIO).log()
-            for y, x, q, p in ((self.y, self.x, self.q, self.p), (self.y0, self.x0, self.q0, self.p0))
+            lens_gain(lens, *places).clamp(min=LEAST_RATIO).log()
+            for places in ((*self.places, *self.views), self.central)
         )
         return (own - central).clamp(min=math.log(LEAST_RATIO))
 
-    def rest(self, rim: Rim) -> tuple[Tensor, Tensor]:
-        """Residuals and their weights, [VU, n] each; outliers such as highlights have next to no weight."""
-        rest = self.log - self.explained(rim)
-        exposure = torch.where(self.known, rest, torch.nan).nanmedian(1, keepdim=True).values.nan_to_num()
-        rest = torch.where(self.known, rest - exposure, 0.0)
-        weight = self.known / (1 + (rest / self.scale).square()).square()
-        mean = (weight * rest).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp(min=1e-6)
-        return rest - mean * self.known, weight
+    def rest(self, lens: Lens, known: Tensor) -> tuple[Tensor, Tensor]:
+        """Residuals and their weights, [VU, n] each; exposures are those of the windows in `known`."""
+        rest = self.log - self.explained(lens)
+        exposure = torch.where(known, rest, torch.nan).nanmedian(1, keepdim=True).values.nan_to_num()
+        for _ in range(2):  # number of rounds by trial
+            weight = known / (1 + ((rest - exposure) / self.scale).square()).square()
+            exposure += (weight * (rest - exposure)).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp(min=1e-6)
+        return rest - exposure, weight
 
-    def costs(self, rim: Rim) -> Tensor:
+    def costs(self, lens: Lens, known: Tensor) -> Tensor:
         """Mean over the views of squared scatters, each limited to 1, [n]."""
-        square = (self.rest(rim)[0] / self.scale).square()
+        square = (self.rest(lens, known)[0] / self.scale).square()
         return (self.known * square / (1 + square)).sum(0) / self.known.sum(0).clamp(min=1)
 
-    def cost(self, rim: Rim) -> float:
-        """Sum of the costs over all windows."""
-        return float(self.costs(rim).sum())
+    def held_out_costs(self, lens: Lens, free: Iterable[int]) -> Tensor:
+        """Costs of each quarter of the picture by a lens that was fitted to the others, [n]."""
+        costs = torch.zeros_like(self.log[0])
+        for quarter in range(4):
+            others = self.known & (self.quarters != quarter)
+            own = self.costs(self.fitted(lens, free, others), others)
+            costs = torch.where(self.quarters == quarter, own, costs)
+        return costs
 
-    def gain(self, rim: Rim) -> float:
-        """`RimFit.gain` of a rim: the second least of four quarters, since one may hold a highlight or an edge."""
-        gained = self.costs(rim._replace(displacement=0.0)) - self.costs(rim)
-        counts = self.known.any(0)
-        means = [(gained * counts)[quarter].sum() / max(1, int(counts[quarter].sum())) for quarter in self.quarters()]
-        return float(torch.stack(means).sort().values[1])
+    def is_better(self, costs: Tensor, others: Tensor) -> bool:
+        """Whether costs are certainly lower than others: tiles of the picture are about independent."""
+        known = self.known.any(0)
+        gains = torch.zeros(36).to(costs).index_add(0, self.tiles, known * (others - costs))
+        gain = float(gains.sum())
+        return gain > LEAST_GAIN * int(known.sum()) and gain > SURE * float(gains.square().sum().sqrt())
 
-    def quarters(self) -> list[Tensor]:
-        """Windows of each quarter of the picture, bool, [n] each."""
-        return [
-            (self.y0 > 0 if down else self.y0 <= 0) & (self.x0 > 0 if right else self.x0 <= 0)
-            for down in (False, True)
-            for right in (False, True)
-        ]
+    def is_rim_dark(self, lens: Lens) -> bool:
+        """Whether views are dark where a rim says so: at least half as much, and enough of them."""
+        own, central = (rim_gain(lens, *at) for at in ((*self.places, *self.views), self.central))
+        rim = (own / central.clamp(min=LEAST_RATIO)).clamp(min=LEAST_RATIO).log()
+        without = (*lens[:1], *NO_LENS[1:3], *lens[3:])
+        is_bright = self.known & (rim > -0.05)
+        rest, is_dark = self.rest(without, is_bright)[0], self.known & (rim < DARK)
+        return int(is_dark.sum()) > 8 and float((rest / rim)[is_dark].median()) > 0.5
 
-    def falloffs(self, rim: Rim) -> Tensor:
-        """Falloff of each quarter by itself, [4]; the rim stays."""
-        falloffs = []
-        for quarter in self.quarters():
-            own = rim
-            for _ in range(4):  # number of rounds by trial
-                rest, weight = self.rest(own)
-                weight = weight * quarter
-                slope = self.slopes(own, weight)[0]
-                move = float((weight * slope * rest).sum() / (weight * slope.square()).sum().clamp(min=1e-9))
-                own = own._replace(falloff=min(max(own.falloff + min(max(move, -0.3), 0.3), -0.2), 3.0))
-            falloffs.append(own.falloff)
-        return torch.tensor(falloffs)
+    def with_term(self, lens: Lens, term: str, free: Iterable[int]) -> Lens:
+        """Lens with one more term, fitted to all windows."""
+        # The cost of a rim has a narrow valley, along which displacement and radius grow together, and outliers that
+        # hardly count hide falloff: of several starts, the six best are refined, the best of them until it rests.
+        falloff = USUAL if term == "falloff" else lens[0]
+        starts = [lens, (falloff, *lens[1:])]
+        if RIM[0] in free:
+            starts += [
+                (falloff, displacement * self.radius, size * self.radius, *lens[3:])
+                for size in (1.0, 0.9, 0.8, 0.7, 0.6)
+                for displacement in (0.12, 0.25, 0.4, 0.6, 0.85, 1.2)
+            ]
 
-    def slopes(self, rim: Rim, weight: Tensor) -> Tensor:
-        """Derivatives of the explained logarithms by the parameters, minus their mean over each view, [3, VU, n]."""
-        step = 1e-3
-        here, total = self.explained(rim), weight.sum(1, keepdim=True).clamp(min=1e-6)
-        moved = [rim._replace(**{name: value + step}) for name, value in zip(Rim._fields, rim, strict=True)]
+        def cost(lens: Lens) -> float:
+            return float(self.costs(lens, self.known).sum())
+
+        best = min((self.fitted(start, free) for start in sorted(starts, key=cost)[:6]), key=cost)
+        return min(best, self.fitted(best, free, rounds=32), key=cost)
+
+    def fitted(self, lens: Lens, free: Iterable[int], known: Tensor | None = None, rounds: int = 8) -> Lens:
+        """A lens after some rounds of weighted least squares over its free parameters."""
+        known = self.known if known is None else known
+        for _ in range(rounds if free else 0):
+            rest, weight = self.rest(lens, known)
+            slopes = self.slopes(lens, free, weight)
+            pull = torch.einsum("ivn,vn->i", slopes, weight * rest).double()
+            squares = torch.einsum("ivn,jvn,vn->ij", slopes, slopes, weight).double()
+            moves = dict(zip(free, (torch.linalg.pinv(squares, rtol=1e-8) @ pull).tolist(), strict=True))
+            # Steps are limited: the cost of a rim is far from quadratic.
+            steps = [min(max(moves.get(n, 0.0), -most), most) for n, most in enumerate(LARGEST)]
+            lens = tuple(
+                min(max(value + step, low), high) if step else value
+                for value, step, (low, high) in zip(lens, steps, BOUNDS, strict=True)
+            )
+        return lens
+
+    def slopes(self, lens: Lens, free: Iterable[int], weight: Tensor) -> Tensor:
+        """Derivatives of the explained logarithms by the parameters, minus their mean over each view, [i, VU, n]."""
+        step, here, total = 1e-3, self.explained(lens), weight.sum(1, keepdim=True).clamp(min=1e-6)
+        moved = [(*lens[:n], lens[n] + step, *lens[n + 1 :]) for n in free]
         slopes = torch.stack([(self.explained(other) - here) / step for other in moved])
         return slopes - (weight * slopes).sum(2, keepdim=True) / total
 
-    def refined(self, rim: Rim, rounds: int = 8) -> Rim:
-        """A rim after some rounds of weighted least squares, with limited steps: the cost is far from quadratic."""
-        largest, bounds = (0.1, 0.3, 0.3), ((-0.2, 3.0), (0.0, 20.0), (0.5, 100.0))
-        for _ in range(rounds):
-            rest, weight = self.rest(rim)
-            slopes = self.slopes(rim, weight)
-            pull = torch.einsum("ivn,vn->i", slopes, weight * rest).double()
-            squares = torch.einsum("ivn,jvn,vn->ij", slopes, slopes, weight).double()
-            moves = (torch.linalg.pinv(squares, rtol=1e-8) @ pull).tolist()
-            rim = Rim(
-                *(
-                    min(max(value + min(max(move, -most), most), low), high)
-                    for value, move, most, (low, high) in zip(rim, moves, largest, bounds, strict=True)
-                )
-            )
-        return rim
-
-    def falloff_error(self, rim: Rim) -> float:
-        """Standard error of the falloff: 6x6 tiles are independent, since highlights are larger than windows."""
-        n = 6
-        rest, weight = self.rest(rim)
-        slopes = self.slopes(rim, weight)
+    def falloff_error(self, lens: Lens, free: Iterable[int]) -> float:
+        """Standard error of the falloff: tiles are independent, since highlights are larger than windows."""
+        rest, weight = self.rest(lens, self.known)
+        slopes = self.slopes(lens, free, weight)
         pulls = torch.einsum("ivn,vn->in", slopes, weight * rest)
-        tile = ((self.y0 + 1) * n / 2).long() * n + ((self.x0 + 1) * n / 2).long()
-        sums = torch.zeros(3, n**2).to(pulls).index_add(1, tile.clamp(0, n**2 - 1), pulls)
+        sums = torch.zeros(len(slopes), 36).to(pulls).index_add(1, self.tiles, pulls)
         squares = torch.einsum("ivn,jvn,vn->ij", slopes, slopes, weight).double()
         moves = torch.linalg.pinv(squares) @ sums.double()
-        return float(moves[0].square().sum().sqrt())
+        return float(moves[list(free).index(0)].square().sum().sqrt())
 
 
 def flat_field_gain(white: Tensor) -> tuple[Tensor, float]:

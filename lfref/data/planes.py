@@ -37,7 +37,7 @@ from lfref.simulator.scene import Scene
 from lfref.simulator.scenes import RandomScenes
 from lfref.simulator.simulate import Simulation, developed, white_picture
 
-VERSION = 14
+VERSION = 15
 """Version of the items of a recipe, to be raised when they change. Sets of earlier versions are prepared anew."""
 NEAR = 0.15
 """Largest distance of planes near focus from a disparity of the scene, in pixels per view step."""

@@ -1,6 +1,8 @@
-"""Cubic interpolation: splines through images (`coefficients`), and the weights of cubic convolution (`weights`).
+"""Cubic interpolation: splines through images (`coefficients`) or samples (`cardinal_weights`), and cubic convolution
+(`weights`).
 
-Splines are sharper between samples than cubic convolution, at the price of a pass over the image beforehand.
+Splines are sharper between samples than cubic convolution, at the price of a pass over the image beforehand, or of more
+samples.
 Sources: Unser, "Splines: A Perfect Fit for Signal and Image Processing", 1999; Keys, "Cubic convolution interpolation
 for digital image processing", 1981.
 """
@@ -68,3 +70,26 @@ def weights(t: Fraction) -> tuple[Fraction, Fraction, Fraction, Fraction]:
     rest, square = 1 - t, t * t
     first, second, last = -0.5 * t * rest * rest, 1 + square * (1.5 * t - 2.5), -0.5 * square * rest
     return first, second, 1 - first - second - last, last
+
+
+SAMPLES = range(-3, 5)
+"""Samples that `cardinal_weights` reads."""
+EXACT = np.linalg.pinv(np.vander(SAMPLES, 4, increasing=True).T).tolist()
+"""Least changes of the weights of `SAMPLES` by which their moments 0 to 3 grow by 1, [8, 4]."""
+
+
+def cardinal_weights(t: Fraction) -> tuple[Fraction, ...]:
+    """Weights of `SAMPLES` in the cubic spline at a position t from 0 to 1, a number or a tensor.
+
+    Samples farther away count for next to nothing; the others make up for them, so that cubics stay exact.
+    """
+    rest = 1 - t
+    # The spline is the sum of bumps at -1, 0, 1 and 2; a sample counts in each of them by a power of the pole.
+    bumps = (rest**3, 4 - 6 * t * t + 3 * t**3, 4 - 6 * rest * rest + 3 * rest**3, t**3)
+    gain = -POLE / (1 - POLE * POLE)
+    weights = [gain * sum(bump * POLE ** abs(m - place) for place, bump in enumerate(bumps, -1)) for m in SAMPLES]
+    missing = [t**k - sum(weight * m**k for m, weight in zip(SAMPLES, weights, strict=True)) for k in range(4)]
+    return tuple(
+        weight + sum(share * moment for share, moment in zip(shares, missing, strict=True))
+        for weight, shares in zip(weights, EXACT, strict=True)
+    )

@@ -53,7 +53,7 @@ NEAR, FADE = 1.0, 0.3
 everywhere, and the range before it over which the block's filters fade: blur hides aliases from about 1 on."""
 APART = 8
 """Largest distance, in pixels, between what two planes of a block read of a view, if a loop filters both together."""
-REACH = (5.0, 7.0)
+REACH = (8.0, 10.0)
 """Distances in pixels between the first and the last pixel that a filter must read: from the first one on it fades out,
 from the second one on it is not used."""
 FLOOR = 0.05

@@ -2,11 +2,9 @@
 
 Far from focus, each surface is blurred by its own distance, wherever its light goes: filters for all disparities do
 that (`separable_wiener`). Near focus, views are aliased and hide different things at edges: filters for the few
-disparities of a block tell these apart (`block_filters`). In planes at whole slopes, where shifts read no view between
-its pixels, the median of both and of shift-and-sum through cells is the picture: each is wrong somewhere there, seldom
-two together.
+disparities of a block tell these apart (`block_filters`). In focus, the picture is bounded by what the views show.
 Where views lie far apart, filters of rows and columns confuse light at different disparities. Near focus, those of all
-views together (`joint_wiener`) take their place, and the picture is bounded by what the views show.
+views together (`joint_wiener`) take their place.
 Letters: `s` slope, `d` disparity in pixels per view step, `N` planes.
 """
 
@@ -20,22 +18,19 @@ from lfref.functional import neighbours
 from lfref.functional.devices import on_device
 from lfref.geometry import Slopes
 from lfref.refocus import batches, block_filters, separable_wiener
-from lfref.refocus.bounds import bounded_by_views, confuses
+from lfref.refocus.bounds import bounded_by_views
 from lfref.refocus.joint_wiener import prior_of_map, refocus_jointly
 from lfref.refocus.operator import has_traits
 from lfref.refocus.scene import Scene, scenes_of
-from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 
-WHOLE = 0.1
-"""Distance of a slope from a whole number within which the median fades in."""
+CONFUSABLE = 2.5
+"""Range of disparities in pixels per view step from which layers confuse light at two disparities, e apart: detail of
+1 / e cycles per pixel, in a row or a column, looks alike at both, and pictures end at about .4 cycles per pixel."""
 AWAY, FADE = 1.7, 0.6
 """Distance of a plane from all disparities around, in pixels per view step, from which filters of rows and columns are
 better in wide ranges too, and the range before it over which they fade in. By trial on the scene `deep` of sim30 and on
 `sim30.WIDE`: from 1.3 to 1.7 their mean is the same to .1 dB, but with 1.3 one plane is 4 dB below shift-and-sum
 through cells."""
-LEAST_NOISE = 0.003
-"""Least noise that filters of all views expect, as a share of the picture's variance: wrong disparities act like noise.
-By trial on `sim30.WIDE` and `deep`: without it the mean is .2 dB lower, with .01 `deep` is .5 dB worse."""
 AROUND = 17
 """Side of the square around a pixel whose disparities count, in pixels."""
 
@@ -103,15 +98,17 @@ def _refocused(
         is_wide = confuses(own)
         if is_wide:
             near = _nearness(disparity, planes)
-            by_map = prior_of_map(disparity, own.widest, noise.clamp(min=LEAST_NOISE))
+            by_map = prior_of_map(disparity, own.widest, noise)
             joint = refocus_jointly(field, planes, by_map, aperture)
             everywhere = everywhere + near * (joint - everywhere)
         of_blocks, share = block_filters.refocus_by_blocks(own, planes, disparity, prior, aperture)
         stack = torch.lerp(everywhere, of_blocks, share)
-        stack = _median_at_whole_slopes(stack, everywhere, own, planes, aperture)
-        if is_wide:
-            stack = stack + near * (bounded_by_views(stack, own, planes, aperture) - stack)
-        yield stack, everywhere
+        yield bounded_by_views(stack, own, planes, aperture), everywhere
+
+
+def confuses(scene: Scene) -> bool:
+    """Whether most of a scene's disparities are so far apart that filters of rows and columns confuse its light."""
+    return scene.known is not None and scene.known.common[1] - scene.known.common[0] > CONFUSABLE
 
 
 def _nearness(disparity: Tensor, planes: Tensor) -> Tensor:
@@ -119,21 +116,3 @@ def _nearness(disparity: Tensor, planes: Tensor) -> Tensor:
     slopes = on_device(planes, disparity.device, disparity.dtype)
     distance = (disparity.detach() - slopes[:, None, None, None]).abs()
     return neighbours.box_max(((AWAY - distance) / FADE).clamp(0, 1), AROUND)
-
-
-def _median_at_whole_slopes(
-    stack: Tensor, everywhere: Tensor, scene: Scene, planes: Tensor, aperture: Tensor
-) -> Tensor:
-    """The stack [N, C, H, W]; in planes at whole slopes the median of it and the other two pictures, fading into it."""
-    fractional = ((planes - planes.round()).abs() / WHOLE).clamp(max=1)
-    is_whole = fractional < 1
-    if torch.compiler.is_exporting():
-        is_whole |= fractional == fractional.amin(0)  # a file sums one plane at least
-    elif not bool(is_whole.any()):
-        return stack
-    whole = is_whole.nonzero()[:, 0]
-    cells = shift_and_sum_antialiased(scene.light, planes[whole], aperture, scene=scene)
-    at, fractional = (on_device(numbers, stack.device) for numbers in (whole, fractional[whole]))
-    one, other = stack.index_select(0, at), everywhere.index_select(0, at)
-    middle = torch.maximum(torch.minimum(one, other), torch.minimum(torch.maximum(one, other), cells))
-    return stack.index_copy(0, at, torch.lerp(middle, one, fractional.to(stack)[:, None, None, None]))

@@ -103,16 +103,19 @@ class Interpolation(NamedTuple):
     def taps(self, position: float) -> list[tuple[int, float]]:
         """The few samples that are read, each as its index and weight."""
         whole = math.floor(position)
-        return [(whole - self.before + i, weight) for i, weight in enumerate(self.weights(position - whole))]
+        weights = self.weights(position - whole)
+        # What rounding leaves of a weight of 0 would be a sample beyond the farthest that is kept.
+        return [(whole - self.before + i, weight if abs(weight) > 1e-12 else 0.0) for i, weight in enumerate(weights)]
 
 
 INTERPOLATIONS: dict[str, Interpolation] = {
     "nearest": Interpolation(lambda t: (1 - t,), rounds=True),
     "linear": Interpolation(lambda t: (1 - t, t)),
     "cubic": Interpolation(splines.weights, before=1),
+    "spline": Interpolation(splines.cardinal_weights, before=-splines.SAMPLES[0]),
 }
-CUBIC = INTERPOLATIONS["cubic"]
-"""The interpolation of methods without a setting."""
+CUBIC, SPLINE = INTERPOLATIONS["cubic"], INTERPOLATIONS["spline"]
+"""The interpolations of methods without a setting."""
 
 
 def is_sampled(shifts: Tensor, places: Tensor, length: int) -> Tensor:

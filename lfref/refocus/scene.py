@@ -20,7 +20,7 @@ from lfref.refocus.disparity.disparity_map import BEYOND, coarse_disparity
 from lfref.refocus.focus import line_range
 from lfref.refocus.focus.line_range import Ends, LineViews
 from lfref.refocus.focus.slope_range import DisparityRange, scene_range
-from lfref.refocus.fourier.energies import STEP, Energies, estimate_energies, farthest
+from lfref.refocus.fourier.energies import STEP, Energies, estimate_energies, farthest, range_of_cameras
 
 N_LAYERS = 12
 """Number of disparities whose energies are estimated, at least."""
@@ -63,9 +63,14 @@ class Scene:
         return self.grey[rows, columns].mean((0, 1))
 
     @functools.cached_property
+    @torch.no_grad()
     def ends(self) -> Ends:
-        """Ends and mean of the disparities, by the energy of gradients."""
-        return line_range.range_of(self.lines, self.known)
+        """Ends of the disparities, by the spectra of a row and a column of views, and their mean."""
+        places, offsets, even = line_range.cross(batches.grid_and_size(self.views)[0], self.aperture, self.positions)
+        grey = torch.stack([batches.radiance(self.views[place]).mean(0) for place in places])
+        low, high = range_of_cameras(grey, offsets, even, self.known)
+        middle = line_range.middle_of(self.lines, self.known)
+        return Ends(low, torch.maximum(torch.minimum(middle, high), low), high)
 
     @property
     def widest(self) -> float:

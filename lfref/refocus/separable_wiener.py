@@ -26,9 +26,9 @@ from lfref.refocus.operator import has_traits
 from lfref.refocus.scene import Scene, scenes_of
 from lfref.refocus.shift.shifts import moved
 
-SPECTRUM = AxisSpectrum(aliased=0.3, unexplained=0.002)
-"""By trial on both versions of sim30. From .0003 to .01 of unexplained power, the mean of a scene
-changes by at most .4 dB (eight scenes)."""
+SPECTRUM = AxisSpectrum(aliased=0.6, unexplained=0.002)
+"""Edges alias: by trial on both versions of sim30 and on path-traced scenes, of which hair would gain 1 dB more with 1.
+From .0003 to .01 of unexplained power, the mean of a scene changes by at most .4 dB (eight scenes)."""
 FINER = 4
 """Disparities of the prior for each layer of energy: light between two layers is at any disparity there."""
 TAIL = 24

@@ -103,7 +103,7 @@ def test_all_that_take_cameras_anywhere_agree(kind):
     still, slopes = views[:1, :1].expand_as(views), [-0.9, 0.0, 0.41]
     torch.testing.assert_close(
         shift_and_sum_antialiased(still, slopes, positions=positions),
-        shift_and_sum(still, slopes, "cubic", positions=positions),
+        shift_and_sum(still, slopes, "spline", positions=positions),
     )
 
 

@@ -153,8 +153,10 @@ def _with_lights(grey: Tensor, disparity: Tensor, labels: Labels) -> Tensor:
     is_tried = torch.arange(variance.shape[0], device=grey.device) < labels.n_tried
     best = torch.where(is_tried[:, None, None], variance, torch.inf).argmin(0)
     sharpest = labels.slopes.to(disparity)[best]
-    # The map is finer than the slopes that are tried.
-    return torch.where(is_light & ((sharpest - disparity).abs() > 1.5 * matching.STEP), sharpest, disparity)
+    # A minimum at an end of the search is no estimate; and the map is finer than the slopes that are tried.
+    is_inside = (best > 0) & (best < labels.n_tried - 1)
+    is_other = (sharpest - disparity).abs() > 1.5 * matching.STEP
+    return torch.where(is_light & is_inside & is_other, sharpest, disparity)
 
 
 def estimate_range(

@@ -31,6 +31,8 @@ OUTLIERS = 0.04
 """Share of the gradients' energy beyond either end of the range."""
 FAR = 0.75
 """Disparity in reduced pixels per view step from which the whole range is searched: gradients fail from about 1 on."""
+SPREAD = 1.1
+"""Range of disparities in reduced pixels per view step from which it is searched too: light at its ends is confused."""
 BEYOND = 1.5
 """Disparities in reduced pixels per view step beyond which gradients are not believed, and the whole range counts."""
 
@@ -56,16 +58,6 @@ class LineViews(NamedTuple):
 
 
 @torch.no_grad()
-def disparity_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> Ends:
-    """Estimate the disparities of one light field [V, U, C, H, W]; all 0 where nothing is known, as in flat views.
-
-    The range is weighted by the energy of gradients: one part in 25 is below it, one above.
-    """
-    lines = line_views(views, weights, positions)
-    return range_of(lines, scene_range(views, weights, positions) if bool(move_far(lines)) else None)
-
-
-@torch.no_grad()
 def wide_range(views: Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> DisparityRange | None:
     """The `scene_range` of views that move by some pixels per view step; None, found faster, where they do not."""
     is_wide = bool(move_far(line_views(views, weights, positions)))
@@ -73,20 +65,21 @@ def wide_range(views: Tensor, weights: Tensor | None = None, positions: Tensor |
 
 
 @torch.no_grad()
-def range_of(lines: LineViews, known: DisparityRange | None) -> Ends:
-    """The range of disparities of lines; or `known`, the range of wide views, where gradients fail."""
+def middle_of(lines: LineViews, known: DisparityRange | None) -> Tensor:
+    """Mean disparity of lines by the energy of gradients; that of `known`, the range of wide views, where they fail."""
     farthest = BEYOND * lines.factor
     if known is not None and max(-known.low, known.high) > farthest:
-        return Ends(*(number(end, lines.lines[0][0]) for end in (known.low, known.middle, known.high)))
-    return Ends(*(end.clamp(-farthest, farthest) for end in _range_of_lines(lines, 1, WINDOW)))
+        return number(known.middle, lines.lines[0][0])
+    return _range_of_lines(lines, 1, WINDOW).middle.clamp(-farthest, farthest)
 
 
 @torch.no_grad()
 def move_far(lines: LineViews) -> Tensor:
-    """Whether pictures move too far for their gradients, by what smaller pictures show: a bool."""
+    """Whether pictures move too far for their gradients, by what smaller pictures show, or differently far: a bool."""
     factor = max(1, min(REDUCTION, min(lines.lines[0][0].shape[1:]) // 8))
-    coarse = _range_of_lines(lines, factor, WINDOW - 2)
-    return torch.maximum(-coarse.low, coarse.high) > FAR * lines.factor
+    coarse, fine = _range_of_lines(lines, factor, WINDOW - 2), _range_of_lines(lines, 1, WINDOW)
+    is_far = torch.maximum(-coarse.low, coarse.high) > FAR * lines.factor
+    return is_far | (fine.high - fine.low > SPREAD * lines.factor)
 
 
 @torch.no_grad()
@@ -121,6 +114,17 @@ def _longest_lines(
         [(v, column) for v in is_open[:, column].nonzero()[:, 0].tolist()],
     )
     return [(line, torch.stack([cameras[index] for index in line]).diff(dim=0).tolist()) for line in lines]
+
+
+@on_host
+def cross(
+    grid: tuple[int, int], weights: Tensor | None, positions: Tensor | None
+) -> tuple[list[tuple[int, int]], Tensor, Tensor]:
+    """Open views of a row and a column in the order of the grid: indices, positions (v, u) [M, 2], even weights [M]."""
+    cameras = batches.even(grid) if positions is None else batches.checked_positions(positions, grid)
+    places = sorted({place for line, _ in _longest_lines(grid, weights, positions) for place in line})
+    even = torch.full((len(places),), 1 / len(places), dtype=torch.float64)
+    return places, torch.stack([cameras[place] for place in places]), even
 
 
 def middlemost(counts: Tensor) -> int:

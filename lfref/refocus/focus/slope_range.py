@@ -59,6 +59,8 @@ SHADING = 0.5
 """Share of the smooth parts that stays for the fit, by trial. Sheen on a wall moves as if it lay behind the wall, and
 vignetting as if it stood still; textures show where a surface is. Where there are none, this share of the shading is
 enough; with .35, vignetting of glossy scenes is corrected wrongly."""
+REPEATED = 0.25
+"""Unexplained variance at a slope apart, of that at a smaller one, below which it counts, by trial."""
 MARGIN = 0.5
 """Reduced pixels per view step that the second sweep goes beyond the result of the first."""
 FAR = 2.0
@@ -288,10 +290,13 @@ def best_fit(reduced: ReducedViews, low: float, high: float) -> SlopeFit:
     padded = F.pad(_detail(reduced.pictures, reduced.weights)[:, None], (1, 1, 1, 1), mode="replicate")[:, 0]
     rows = padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]
     light = F.pad((rows[..., :-2] + 2 * rows[..., 1:-1] + rows[..., 2:]) / 16, (pad,) * 4) * weights
+    # Repeated texture fits at many slopes. The least is the likeliest: one that is apart must fit much better.
+    slopes = slopes[slopes.abs().argsort(stable=True)]
     parts = slopes.split(max(1, 40_000 // light[0].numel()))  # many slopes of small views at once
     best, *others = [fit for part in parts for fit in fit_slopes(light, weights, reduced.steps, part, most, pad)]
     for fit in others:
-        is_better = fit.unexplained < best.unexplained
+        is_apart = (fit.disparity - best.disparity).abs() > 3 * most
+        is_better = fit.unexplained < best.unexplained * torch.where(is_apart, REPEATED, 1.0)
         best = SlopeFit(*(torch.where(is_better, new, old) for new, old in zip(fit, best, strict=True)))
     return best
 

@@ -8,8 +8,8 @@ others explain all that it explains. A focus measure cannot do that: the apertur
 Numbers stay on the device of the views, and are real, so that a file can hold the same: products of layers are real
 where opposite views weigh the same; elsewhere, real and imaginary parts are unknowns of their own. Where the host does
 not know how many layers are needed, there are as many as the widest range needs, those beyond the range without energy.
-Letters: `V U` view rows and columns, `K` layers, `F` frequencies that are sampled, `ky kx` frequency in cycles per
-pixel.
+Letters: `V U` view rows and columns, `M` views, `K` layers, `F` frequencies that are sampled, `ky kx` frequency in
+cycles per pixel.
 Source: Tipping, "Sparse Bayesian Learning and the Relevance Vector Machine", 2001.
 """
 
@@ -19,10 +19,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from lfref import geometry
 from lfref.errors import InputError
 from lfref.functional import fourier, positive_definite
-from lfref.functional.devices import BEYOND, at_most, number, on_device
+from lfref.functional.devices import BEYOND, at_most, number, on_device, on_host
 from lfref.refocus import batches
 from lfref.refocus.focus.slope_range import DisparityRange
 
@@ -45,6 +44,8 @@ QUIET, QUIET_VARIANCE = 0.25, 0.9
 """Share of the frequencies that show nothing but noise, at most; what is left there of noise of variance 1."""
 LOWEST, HIGHEST = 1 / 24, 0.4
 """Lowest and highest frequency that is read, in cycles per pixel: below, all layers look alike; above, views alias."""
+AT_ONCE = 8
+"""Views that are transformed at once."""
 N_RADII, N_ANGLES = 12, 24
 """Circles of frequencies that are read, whose radii grow in equal ratios, and angles on each."""
 
@@ -64,13 +65,13 @@ class _Sample(NamedTuple):
     """Views at some frequencies: each frequency of energy 1, each view times the root of its weight."""
 
     real: Tensor
-    """Float64, [F, V U]."""
+    """Float64, [F, M]."""
     imaginary: Tensor
-    """[F, V U]."""
+    """[F, M]."""
     turns: Tensor
-    """kx (u - u0) + ky (v - v0), [F, V U]."""
+    """kx (u - u0) + ky (v - v0), [F, M]."""
     roots: Tensor
-    """Roots of the views' weights, [V U]."""
+    """Roots of the views' weights, [M]."""
     is_symmetric: bool
     """Whether opposite views weigh the same."""
     variance: Tensor
@@ -86,8 +87,9 @@ def estimate_energies(grey: Tensor, n_layers: int, aperture: Tensor, known: Disp
     """
     if n_layers < 1:
         raise InputError("n_layers must be at least 1", got=n_layers)
-    sample = _sampled(grey, aperture)
-    low, high = _held(sample, grey, known)
+    (offsets, weights), pictures = _in_a_row(aperture), grey.flatten(0, 1)
+    sample = _sampled(pictures, offsets, weights)
+    low, high = _held(sample, pictures, offsets, known)
     layers_per_pixel = (max(aperture.shape) - 1) / 2 / SPACING
     first, last = farthest(known)
     least = max(n_layers, 2)
@@ -103,13 +105,39 @@ def farthest(known: DisparityRange | None) -> tuple[float, float]:
 
 
 def energy_range(grey: Tensor, aperture: Tensor, known: DisparityRange | None) -> tuple[Tensor, Tensor]:
-    """Least and largest disparity at which the spectra of grey views hold light; `known`: their range, if wide."""
-    return _held(_sampled(grey, aperture), grey, known)
+    """Least and largest disparity at which the spectra of grey views hold light; arguments as above."""
+    return range_of_cameras(grey.flatten(0, 1), *_in_a_row(aperture), known)
 
 
-def _sampled(grey: Tensor, aperture: Tensor) -> _Sample:
-    """Grey views [V, U, H, W] at some hundred frequencies."""
-    height, width = (number(length, grey) for length in grey.shape[2:])
+def range_of_cameras(
+    grey: Tensor, offsets: Tensor, weights: Tensor, known: DisparityRange | None
+) -> tuple[Tensor, Tensor]:
+    """`energy_range` of views [M, H, W] from cameras at offsets (v, u) in view steps, [M, 2]; weights [M] of sum 1."""
+    return _held(_sampled(grey, offsets, weights), grey, offsets, known)
+
+
+@on_host
+def _in_a_row(aperture: Tensor) -> tuple[Tensor, Tensor]:
+    """Offsets (v, u) of the views of a grid, [M, 2], and their weights, [M]."""
+    return batches.even((aperture.shape[0], aperture.shape[1])).flatten(0, 1), aperture.flatten()
+
+
+@on_host
+def _is_symmetric(offsets: Tensor, weights: Tensor) -> bool:
+    """Whether opposite views weigh the same."""
+    return torch.allclose(offsets, -offsets.flip(0)) and torch.allclose(weights, weights.flip(0))
+
+
+@on_host
+def _spans(offsets: Tensor) -> tuple[float, float]:
+    """Distances of the outermost views along both axes, at least one view step."""
+    down, across = (offsets.amax(0) - offsets.amin(0)).clamp(min=1).tolist()
+    return down, across
+
+
+def _sampled(grey: Tensor, offsets: Tensor, weights: Tensor) -> _Sample:
+    """Grey views [M, H, W] at some hundred frequencies."""
+    height, width = (number(length, grey) for length in grey.shape[1:])
     radii = torch.logspace(math.log10(LOWEST), math.log10(HIGHEST), N_RADII, dtype=torch.float64, device=grey.device)[
         :, None
     ]
@@ -118,31 +146,29 @@ def _sampled(grey: Tensor, aperture: Tensor) -> _Sample:
     # Circles of small pictures share bins.
     code, place = y * width + x, torch.arange(len(y), device=grey.device)
     is_earlier = (code[:, None] == code) & (place[:, None] > place)
-    # One view row at a time: all spectra together take as much memory as the views.
-    spectra = torch.stack([fourier.at_bins(row, y.long(), x.long()) for row in grey], 1).double()  # [2, V, U, F]
-    roots = on_device(aperture, grey.device, torch.float64).sqrt().flatten()
-    weighted = spectra.flatten(1, 2).mT * roots
+    # Some views at a time: all spectra together take as much memory as the views.
+    spectra = torch.cat([fourier.at_bins(part, y.long(), x.long()) for part in grey.split(AT_ONCE)], 1).double()
+    roots = on_device(weights, grey.device, torch.float64).sqrt()
+    weighted = spectra.mT * roots  # [2, F, M]
     energy = weighted.square().sum((0, 2))
     # Black views have no energy.
     real, imaginary = weighted / energy.sqrt().clamp(min=torch.finfo(torch.float32).tiny)[:, None]
-    v, u = (geometry.angular_offsets(n_views, grey.device) for n_views in aperture.shape)
-    ky, kx = (y / height)[:, None, None], (x / width)[:, None, None]
+    v, u = on_device(offsets, grey.device, torch.float64).T
     return _Sample(
         real,
         imaginary,
-        (ky * v[:, None] + kx * u).flatten(1),
+        (y / height)[:, None] * v + (x / width)[:, None] * u,
         roots,
-        batches.opposites_are_equal(aperture),
+        _is_symmetric(offsets, weights),
         energy / (height * width),
         (is_earlier.sum(1) == 0).double(),
     )
 
 
-def _held(sample: _Sample, grey: Tensor, known: DisparityRange | None) -> tuple[Tensor, Tensor]:
+def _held(sample: _Sample, grey: Tensor, offsets: Tensor, known: DisparityRange | None) -> tuple[Tensor, Tensor]:
     """Ends of the layers that hold light, of a grid of layers as far as the scene reaches and the views can shift."""
     low, high = farthest(known)
-    grid, size = grey.shape[:2], grey.shape[2:]
-    sides = [number(length, grey) / max(n - 1, 1) - STEP for n, length in zip(grid, size, strict=True)]
+    sides = [number(length, grey) / span - STEP for span, length in zip(_spans(offsets), grey.shape[1:], strict=True)]
     limit = torch.minimum(*sides)
     tried = STEP * torch.arange(
         math.floor(low / STEP), math.ceil(high / STEP) + 1, dtype=torch.float64, device=grey.device
@@ -163,7 +189,7 @@ def _held(sample: _Sample, grey: Tensor, known: DisparityRange | None) -> tuple[
 def _maximised(sample: _Sample, disparities: Tensor, is_tried: Tensor) -> Energies:
     """The energies of layers [K], those that are tried, under which the sample is most likely, as far as steps lead."""
     cosines, sines = fourier.waves(sample.turns[..., None] * disparities) * sample.roots[:, None]
-    forth, back = torch.cat([cosines, sines], 1), torch.cat([cosines, -sines], 1)  # [F, 2 V U, K]
+    forth, back = torch.cat([cosines, sines], 1), torch.cat([cosines, -sines], 1)  # [F, 2 M, K]
     views = torch.stack([torch.cat([sample.real, sample.imaginary], 1), torch.cat([sample.imaginary, sample.real], 1)])
     gram = forth.mT @ forth
     explained = torch.cat([back.mT @ views[0, ..., None], forth.mT @ views[1, ..., None]], 2)  # [F, K, 2]

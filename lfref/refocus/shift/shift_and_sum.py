@@ -35,7 +35,7 @@ def shift_and_sum(
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
         slopes: Focus in pixels per view step, [N].
-        interpolation: `nearest`, `linear` or `cubic`.
+        interpolation: `nearest`, `linear`, `cubic` (convolution) or `spline` (cubic splines, the sharpest).
         border: `renormalize` (only views with a sample there count), `edge`, `zero` or `wrap`.
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
         fill_factor: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the

@@ -3,7 +3,7 @@
 Nearly the picture of the slow methods, at twice the time of a plain sum. In planes beyond the disparities of the scene
 all is blurred, and a sum of points would show copies. There each view stands for its whole cell: its box is as wide as
 the plane is from the middle disparity. Planes among the disparities stay sums of points, since cells of one width would
-blur what is in focus. `line_range` finds these disparities.
+blur what is in focus. `Scene.ends` are these disparities.
 Letters: `s` slope in pixels per view step, `N` planes.
 """
 
@@ -16,7 +16,7 @@ from lfref.refocus import batches
 from lfref.refocus.focus import line_range
 from lfref.refocus.focus.line_range import Ends
 from lfref.refocus.operator import has_traits
-from lfref.refocus.sampling import BORDERS, CUBIC
+from lfref.refocus.sampling import BORDERS, SPLINE
 from lfref.refocus.scene import Scene, scenes_of
 from lfref.refocus.shift.shift_and_sum import summed
 from lfref.refocus.shift.shifts import shifts_of
@@ -35,7 +35,7 @@ def shift_and_sum_antialiased(
     positions: Tensor | None = None,
     scene: Scene | None = None,
 ) -> Tensor:
-    """Refocus by shift-and-sum; where all is out of focus, each view stands for its cell of the aperture.
+    """Refocus by shift-and-sum of splines; where all is out of focus, each view stands for its cell of the aperture.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
@@ -60,7 +60,7 @@ def shift_and_sum_antialiased(
     grid, size = batches.grid_and_size(batch)
     planes = batches.checked_slopes(slopes, grid, size, positions)
     aperture = batches.checked_weights(weights, grid)
-    shifts = shifts_of(planes, grid, CUBIC, positions)
+    shifts = shifts_of(planes, grid, SPLINE, positions)
     stacks = []
     for field, own in zip(batch, scenes_of(batch, scene, weights, positions), strict=True):
         widths, reach = cell_widths(on_device(planes, field.device), own.ends).clamp(max=min(size)), None
@@ -69,7 +69,7 @@ def shift_and_sum_antialiased(
             if own.known is not None:
                 beyond = max(beyond, -own.known.low, own.known.high)
             reach = length_of(((planes.abs().amax(0) + beyond) / 2).ceil().long() + 1)
-        stacks.append(summed(field[None], shifts, widths, aperture, CUBIC, BORDERS["renormalize"], reach)[0])
+        stacks.append(summed(field[None], shifts, widths, aperture, SPLINE, BORDERS["renormalize"], reach)[0])
     return batches.restored(stacks, views)
 
 

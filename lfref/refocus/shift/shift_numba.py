@@ -70,7 +70,7 @@ class Plan(NamedTuple):
     def reach(self) -> int:
         """Samples beyond the edge that may be read."""
         lines = (*self.rows, *(line for plane in self.columns for line in plane))
-        return math.ceil(max(abs(shift) for line in lines for shift in line)) + 1
+        return math.ceil(max(abs(shift) for line in lines for shift in line)) + max(1, self.interpolation.before)
 
     def shifts(self, n: int) -> Shifts:
         """Those of plane n as tensors."""

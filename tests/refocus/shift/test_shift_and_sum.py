@@ -7,8 +7,8 @@ import torch
 
 from lfref.errors import InputError
 from lfref.refocus import batches
-from lfref.refocus.focus.line_range import disparity_range
 from lfref.refocus.fourier.exact import exact_fourier
+from lfref.refocus.scene import analyze_scene
 from lfref.refocus.shift.shift_and_sum import coverage, shift_and_sum
 from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.simulator import sim30
@@ -66,7 +66,7 @@ def test_planes_among_disparities_of_wide_baselines_stay_points(name):
     scene = sim30.WIDE[name]
     views = simulate(scene, outputs=["views"], slopes=[0.0]).views
     planes = [surface.geometry.form.disparity for surface in scene.surfaces]
-    assert torch.equal(shift_and_sum_antialiased(views, planes), shift_and_sum(views, planes, "cubic"))
+    assert torch.equal(shift_and_sum_antialiased(views, planes), shift_and_sum(views, planes, "spline"))
 
 
 @pytest.mark.parametrize("name", ["edge", "discs", "twigs"])
@@ -94,7 +94,7 @@ def smooth_views(disparity: float, grid: tuple[int, int] = (7, 7), side: int = 1
 
 @pytest.mark.parametrize("disparity", [-3.0, -1.0, 0.0, 0.4, 2.0])
 def test_one_plane_is_found(disparity):
-    seen = disparity_range(smooth_views(disparity))
+    seen = analyze_scene(smooth_views(disparity)).ends
     assert seen.low - 0.01 <= seen.middle <= seen.high + 0.01
     assert float(seen.middle) == pytest.approx(disparity, rel=0.25, abs=0.02)
 
@@ -103,7 +103,7 @@ def test_one_plane_is_found(disparity):
 def test_strips_of_two_planes_span_a_range(width):
     near, far = smooth_views(0.5), smooth_views(-1.0)
     views = torch.where(torch.arange(160) // width % 2 == 0, near, far)
-    seen = disparity_range(views)
+    seen = analyze_scene(views).ends
     assert seen.low < -0.7
     assert seen.high > 0.3
 
@@ -111,7 +111,7 @@ def test_strips_of_two_planes_span_a_range(width):
 def test_disparities_are_per_step_wherever_cameras_stand():
     views, stand = smooth_views(0.5, (9, 9)), batches.even((9, 9))
     taken = (torch.tensor([0, 1, 4, 6, 8])[:, None], torch.tensor([0, 3, 4, 5, 8]))
-    found = disparity_range(views[taken], None, stand[taken] + 0.1)
+    found = analyze_scene(views[taken], None, stand[taken] + 0.1).ends
     assert float(found.middle) == pytest.approx(0.5, rel=0.25)
-    half_as_far = disparity_range(views[taken], None, stand[taken] / 2)
+    half_as_far = analyze_scene(views[taken], None, stand[taken] / 2).ends
     assert float(half_as_far.middle) == pytest.approx(2 * float(found.middle), rel=1e-4)
