@@ -31,7 +31,7 @@ from lfref.functional import neighbours
 from lfref.lightfield import LightField
 
 LEAST_GAIN = 4e-3  # squared scatters per window, by trial: a term must explain the views better by this
-SURE = 2.5  # standard errors of that gain from which it is certain: clean scenes reach 2.1, gloss 1.7
+SURE = 2.5  # standard errors of that gain from which it is certain: clean scenes reach 1.7
 GLOSSY = 5.0  # standard errors by which gloss displaces the falloff, by trial
 USUAL = 0.3  # standard deviation of the falloff of lenses; cos^4 of 31 degrees is .36
 DARK = math.log(0.7)  # logarithm of the light that is left at an edge that a rim makes dark
