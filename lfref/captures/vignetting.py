@@ -117,13 +117,11 @@ def find(ratios: Ratios) -> VignettingDefect | str:
     lens, terms = NO_LENS, list[str]()
     costs = problem.held_out_costs(lens, ())
     while True:
-        # Smooth shading would take the rest of a rim, and a rim the rest of smooth shading.
-        options = [term for term in TERMS if term not in terms and not {term, *terms} >= {"rim", "shading"}]
+        # A lens has a rim or smooth shading: each would explain what the other leaves.
+        excluded = {*terms, "rim" if "shading" in terms else "its shape", "shading" if "rim" in terms else ""}
         trials = []
-        for term in options:
-            if term == "its shape" and "shading" not in terms:
-                continue
-            free = [n for name in (*terms, term) for n in TERMS[name]]
+        for term in [term for term in TERMS if term not in excluded]:
+            free = _parameters(*terms, term)
             fitted = problem.with_term(lens, term, free)
             if term != "rim" or problem.is_rim_dark(fitted):
                 trials.append((problem.held_out_costs(fitted, free), fitted, term))
@@ -135,12 +133,16 @@ def find(ratios: Ratios) -> VignettingDefect | str:
     if "falloff" in terms:
         # Highlights that move look like falloff: the mean of what is usual and what is measured, by their errors; more
         # than twice the usual is no falloff.
-        error = GLOSSY * problem.falloff_error(lens, [n for name in terms for n in TERMS[name]])
+        error = GLOSSY * problem.falloff_error(lens, _parameters(*terms))
         falloff = lens[0] * USUAL**2 / (USUAL**2 + error**2) if 0 < lens[0] < 2 * USUAL else 0.0
         lens = (falloff, *lens[1:])
     if float(lens_gain(lens, *problem.places, *problem.views).clamp(min=LEAST_RATIO).log().abs().max()) < SHOWN:
         return "no view is darker in its corners than others"
     return VignettingDefect(lens)
+
+
+def _parameters(*terms: str) -> list[int]:
+    return [n for term in terms for n in TERMS[term]]
 
 
 def rim_gain(lens: Lens, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:

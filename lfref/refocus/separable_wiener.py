@@ -56,8 +56,8 @@ def separable_wiener(
 ) -> Tensor:
     """Refocus light fields as a lens with the whole aperture would, by filters of rows and columns.
 
-    Linear in the views where disparities are given; where they are estimated, derivatives leave that out. Estimated
-    wide ranges bound the picture by what the views show, as for layers.
+    Linear in the views where disparities are given. Where they are estimated, derivatives leave that out, and the
+    picture is bounded by what the views show in focus.
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].

@@ -73,8 +73,9 @@ def test_no_method_waits_for_a_gpu_after_its_checks(name, views):
         stack = (NEED_SCENES | OTHERS)[name](there, PLANES, **options)
         assert gpu.n_operations - n_before <= MOST_OPERATIONS[name]
     assert stack.device.type != "cpu"
-    # Whether light is in focus is told from differences of squares, which are rounded.
-    torch.testing.assert_close(on_cpu(stack), expected, atol=1e-4, rtol=0)
+    # Whether light is in focus depends on differences of squares, which are rounded.
+    tolerance = 1e-4 if name in ("separable_wiener", "blockwise_wiener", "refocus_by_layers") else 1e-5
+    torch.testing.assert_close(on_cpu(stack), expected, atol=tolerance, rtol=0)
 
 
 def test_filters_of_all_views_do_not_wait_either():

@@ -1,4 +1,5 @@
-"""The disparities of a light field in milliseconds, from the gradients of one row and one column of reduced views.
+"""The mean disparity of a light field, and whether views move far, from the gradients of one row and one column of
+reduced views: a matter of milliseconds.
 
 Where f moves by d pixels a view step, the change from view to view is -d times the gradient g in the picture: least
 squares over a window give `d = -sum g L' / sum g^2`, and g^2 weighs the windows. Gradients fail where views move by

@@ -130,8 +130,8 @@ def refocus_by_layers(
 ) -> Tensor:
     """Refocus light fields as a lens with the whole aperture would, by Fourier disparity layers.
 
-    Linear in the views where disparities are given; where they are estimated, derivatives leave that out. Estimated
-    wide ranges bound the picture by what the views show (`bounded_by_views`).
+    Linear in the views where disparities are given. Where they are estimated, derivatives leave that out, and the
+    picture is bounded by what the views show in focus (`bounded_by_views`).
 
     Args:
         views: Radiance, usually in [0, 1], floating point, uint8 or uint16, [..., V, U, C, H, W].
