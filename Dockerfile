@@ -28,7 +28,7 @@ COPY --from=build /opt/lfref /opt/lfref
 # Machine code of the loops, for the processors of this machine and their kind, which any user may read and add to.
 ENV PATH=/opt/lfref/bin:$PATH NUMBA_CACHE_DIR=/opt/lfref/loops
 RUN lfref simulate n_fields=1 scene.camera.size=[48,64] outputs=[views] output=/tmp/warm/scene && \
-    for method in shift_and_sum_antialiased separable_wiener refiner; do \
+    for method in shift_and_sum_antialiased separable_wiener blockwise_wiener; do \
     lfref refocus /tmp/warm/scene/simulated_s0_e0_000 method=$method disparity=true output=/tmp/warm/$method || exit 1; \
     done && rm -r /tmp/warm && chmod -R a+rwX /opt/lfref/loops
 USER lfref

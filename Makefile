@@ -50,9 +50,9 @@ demo: install
 	$(BIN)/lfref eval "$(DEMO)/scenes" run="$(DEMO)/refnet_demo" truth="$(DEMO)/scenes" output="$(DEMO)/eval"
 	$(BIN)/lfref refocus "$(FIELD)" run="$(DEMO)/refnet_demo" output="$(DEMO)/refocus_refnet"
 	$(BIN)/lfref refocus "$(FIELD)" method=shift_and_sum output="$(DEMO)/refocus_shift_and_sum"
-	$(BIN)/lfref refocus "$(FIELD)" method=refiner planes=paper output="$(DEMO)/refocus_refiner"
+	$(BIN)/lfref refocus "$(FIELD)" method=blockwise_wiener planes=paper output="$(DEMO)/refocus_blockwise_wiener"
 	$(BIN)/lfref bench "$(FIELD)" run="$(DEMO)/refnet_demo" $(if $(INPUT),,truth="$(DEMO)/evening") output="$(DEMO)/bench" repeats=2 $(SLOW)
-	$(BIN)/lfref report $(foreach run,eval refocus_refnet bench refnet_demo refocus_refiner refocus_shift_and_sum,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo" 'text="$(DEMO_TEXT)"'
+	$(BIN)/lfref report $(foreach run,eval refocus_refnet bench refnet_demo refocus_blockwise_wiener refocus_shift_and_sum,"$(DEMO)/$(run)") output="$(DEMO)/report" title="lfref demo" 'text="$(DEMO_TEXT)"'
 	$(BIN)/lfref view "$(FIELD)" output="$(DEMO)/view"
 
 figures: $(VENV)/checks
@@ -80,12 +80,10 @@ ablations: install
 gpu: install
 	$(BIN)/python benchmarks/gpu.py --minutes $(or $(MINUTES),10)
 
-# The networks that ship, from nothing, in hours. The same words go on where they were interrupted.
+# The network that ships, from nothing, in hours. The same words go on where they were interrupted.
 weights: install
-	$(BIN)/lfref train experiment=refiner resume=auto output="$(WEIGHTS)/run"
-	$(BIN)/python benchmarks/weights.py refiner "$(WEIGHTS)/run"
 	$(BIN)/lfref train experiment=refnet label=shift_and_sum resume=auto output="$(WEIGHTS)/shift_and_sum"
-	$(BIN)/python benchmarks/weights.py refnet "$(WEIGHTS)/shift_and_sum"
+	$(BIN)/python benchmarks/weights.py "$(WEIGHTS)/shift_and_sum"
 	$(BIN)/lfref train experiment=refnet_truth label=fourier_slice resume=auto output="$(WEIGHTS)/fourier_slice"
 	$(BIN)/lfref train experiment=refnet_truth resume=auto output="$(WEIGHTS)/rendered"
 

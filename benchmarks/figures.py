@@ -78,8 +78,7 @@ METHODS = {
     "shift_and_sum": "the plain sum of views, the labels of the paper",
     "shift_and_sum_antialiased": "the default: no copies of edges in wide blur",
     "separable_wiener": "much better, in four times the time",
-    "blockwise_wiener": "the best without learning; knows occlusion",
-    "refiner": "the best: blockwise_wiener, corrected by a network",
+    "blockwise_wiener": "the best; knows occlusion",
     "refnet": "the paper's network: imitates shift_and_sum",
 }
 """Method of the README's table -> what to take it for."""
@@ -123,7 +122,6 @@ def wide() -> Iterator[str]:
         "disparity_layers",
         "separable_wiener",
         "blockwise_wiener",
-        "refiner",
     ]
     rows = read("bench", "evaluation")
     rows = rows[rows["class"] == WIDE]
@@ -197,39 +195,6 @@ def trials() -> Iterator[str]:
         yield f"- {component}: {outcome} ({', '.join(cases)})"
 
 
-LEARNED, CLIPPED = "refiner", "bokeh"
-"""The shipped refiner; a scene whose lamps clip on its sensor, so that no method can know how bright they are."""
-
-
-def gains() -> Iterator[str]:
-    """The network beside the best of all other methods, for each class of scenes."""
-    yield from pages.head(
-        *("scenes", "best rival", "its PSNR, dB", "refiner, dB", "gain", "worst scene", "worst alpha"),
-    )
-    rivals = [name for name in read("bench", "bench")["method"].unique() if name != LEARNED]
-    for run, kind, title in (
-        ("bench", IDEAL, "sim30, thirty without a sensor"),
-        ("bench", ALIASED, "sim30, aliased, thirty without a sensor"),
-        ("bench", CORRECTED, "sim30, seven with a sensor, corrected"),
-        ("varied", IDEAL, "drawn at random, without a sensor"),
-        ("varied", CORRECTED, "drawn at random, with a sensor, corrected"),
-    ):
-        rows = read(run, "evaluation")
-        rows = rows[(rows["class"] == kind) & ((rows["scene"] != CLIPPED) | (kind != CORRECTED))]
-        psnr_db = rows.pivot(index=["scene", "alpha"], columns="method", values="psnr_db").clip(upper=MEAN_CAP_DB)
-        best = psnr_db[[name for name in rivals if name in psnr_db]].mean().idxmax()
-        difference = psnr_db[LEARNED] - psnr_db[best]
-        scenes, alphas = (difference.groupby(level).mean() for level in ("scene", "alpha"))
-        yield row(
-            f"{title} ({len(scenes)})" if "random" in title else title,
-            best,
-            *(f"{psnr_db[name].mean():.2f}" for name in (best, LEARNED)),
-            f"{difference.mean():+.2f}",
-            f"{scenes.min():+.2f} ({scenes.idxmin()})",
-            f"{alphas.min():+.2f} ({alphas.idxmin():g})",
-        )
-
-
 # Tables that are measured here
 
 BORDER = 24
@@ -270,7 +235,6 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "methods": (BENCH, methods),
     "corrected": (FIGURES / "flat_field" / "scenes.csv", corrections),
     "wide": (BENCH, wide),
-    "learned": (FIGURES / "varied" / "evaluation.csv", gains),
     "causes": (FIGURES / "causes", causes),
     "operators": (FIGURES / "operators", operators),
     "trials": (FIGURES / "stability", trials),

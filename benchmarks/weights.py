@@ -1,6 +1,6 @@
-"""Put the network of a training run into the package, with how it was made: `python benchmarks/weights.py NAME RUN`.
+"""Put the RefNet of a training run into the package, with how it was made: `python benchmarks/weights.py RUN`.
 
-NAME is `refiner` (a refiner) or `refnet`. Run by `make weights`. Fills the model cards and the accuracy in the pages.
+Run by `make weights`. Fills the accuracy in the pages.
 """
 
 import argparse
@@ -42,14 +42,6 @@ REFNET_CARD = {
     "least accurate at alpha .125 and .25, and at the border of the frame",
     "licence": "MIT",
 }
-REFINER_CARD = {
-    "use": "corrects the pictures of blockwise_wiener: refocused pictures of light fields at any slopes",
-    "data": "scenes of lfref's simulator, drawn at random, with their truth as labels; no photographs",
-    "limits": "three channels of linear light, even grids; may be worse than the method that it corrects where that "
-    "is nearly exact (beyond 70 dB), in planes close to fine stripes, and beyond the grids and disparities of its "
-    "training",
-    "licence": "MIT",
-}
 COLUMNS = {
     **{name: paper.QUALITY[name] for name in ("psnr_db", "nonzero_psnr_db", "ssim", "n_db", "n_ssim")},
     **{name: paper.QUALITY[name] for name in ("explained_near", "explained_wide")},
@@ -82,73 +74,28 @@ def table(network: networks.NetworkRefocuser, facts: Mapping[str, Any], capture:
     yield f"Whole frames; trained by `{facts['command']}`."
 
 
-def refiner_facts(run: Run, scale: float) -> dict[str, Any]:
-    """Training of the refiner of a run, its accuracy on fields outside the training set, and its model card."""
-    validated = [row for row in run.metrics if row.get("val/gain") is not None]
-    best = max(validated, key=lambda row: row["val/gain"] or 0.0)
-    data = run.config["data"]
-    recipe = data["recipe"]
-    grids = ", ".join(f"{rows}x{columns}" for rows, columns in sorted(set(map(tuple, recipe["grids"]))))
-    reach = max(recipe["depths"]) * max(map(abs, recipe["scenes"]["disparities"]))
-    return {
-        "set": recipe,
-        "fields": data["n_fields"],
-        "steps": int(best["step"] or 0) + 1,
-        "gain_db": best["val/gain"],
-        "mpsnr_db": best["val/mpsnr"],
-        "scale": scale,
-        "card": REFINER_CARD
-        | {"trained_on": f"grids of {grids} views, disparities of up to {reach:g} px per view step"},
-    }
-
-
-def card(facts: Mapping[str, Any], path: Path, n_weights: int) -> Iterator[str]:
-    """The model card of the refiner, as the file of the weights holds it."""
-    rows = {name.replace("_", " "): cell for name, cell in facts["card"].items()} | {
-        "weights": f"{n_weights:,}, {path.stat().st_size / 1e6:.1f} MB",
-        "light fields, steps": f"{facts['fields']}, {facts['steps']:,}",
-        "command": f"`{facts['command']}`",
-        "gain on light fields held out": f"{facts['gain_db']:.2f} dB",
-    }
-    yield from pages.head("network", "`refiner`")
-    yield from (pages.row(*cells) for cells in rows.items())
-
-
-def scaled(contents: Mapping[str, Any], scale: float) -> dict[str, Any]:
-    """A checkpoint of a refiner whose corrections are multiplied by a factor: all of its shares, not its gate."""
-    weights, sizes = dict(contents["state_dict"]), contents["lfref"]["refiner"]
-    n_shares = sizes["n_candidates"] * sizes["shuffle"] ** 2
-    for name in ("net.head.1.weight", "net.head.1.bias"):
-        weights[name] = torch.cat([scale * weights[name][:n_shares], weights[name][n_shares:]])
-    return {**contents, "state_dict": weights}
-
-
 def main() -> None:
-    """Write `lfref/weights/NAME.safetensors`."""
+    """Write `lfref/weights/refnet.safetensors`."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("name", choices=list(networks.SHIPPED))
     parser.add_argument("run", type=Path)
     parser.add_argument("--capture", type=Path, help="a real light field, to measure refnet and draw its planes with")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor of all corrections of a refiner")
     options = parser.parse_args()
-    run, path = Run.of(options.run), networks.SHIPPED[options.name]
+    run = Run.of(options.run)
+    contents = checkpoint.read(run.last)
+    state = contents["state_dict"].items()
+    contents["state_dict"] = {name: value.half() if value.numel() > LARGE else value for name, value in state}
+    network = networks.restored_network(run.last, contents, "refnet")
+    ideal = (ideal_case(scene, torch.zeros(1), CPU).light for scene in sim30.SCENES.values())
+    fields = (dataclasses.replace(light, views=light.views.clamp(0, 1)) for light in ideal)
     command = " ".join(["lfref train", *(word for word in run.overrides if not word.startswith(PLACES))])
-    facts: dict[str, Any] = {"lfref": lfref.__version__, "command": command}
-    if options.name == "refnet":
-        contents = checkpoint.read(run.last)
-        state = contents["state_dict"].items()
-        contents["state_dict"] = {name: value.half() if value.numel() > LARGE else value for name, value in state}
-        network = networks.restored_network(run.last, contents, "refnet")
-        ideal = (ideal_case(scene, torch.zeros(1), CPU).light for scene in sim30.SCENES.values())
-        fields = (dataclasses.replace(light, views=light.views.clamp(0, 1)) for light in ideal)
-        facts |= {"sim30": by_labels(network, fields), "card": REFNET_CARD}
-        lines = {"refnet": table(network, facts, options.capture)}
-    else:
-        contents = scaled(checkpoint.read(run.best), options.scale)
-        facts |= refiner_facts(run, options.scale)
-        lines = {"cards": card(facts, path, sum(value.numel() for value in contents["state_dict"].values()))}
-    checkpoint.write_weights(path, contents, facts)
-    pages.fill(lines)
+    facts = {
+        "lfref": lfref.__version__,
+        "command": command,
+        "sim30": by_labels(network, fields),
+        "card": REFNET_CARD,
+    }
+    checkpoint.write_weights(networks.SHIPPED["refnet"], contents, facts)
+    pages.fill({"refnet": table(network, facts, options.capture)})
 
 
 if __name__ == "__main__":

@@ -80,7 +80,7 @@ def run(program, missing, *words):
     "words",
     [
         ("refocus",),
-        ("refocus", "method=refiner", "disparity=true", "all_in_focus=true"),
+        ("refocus", "method=blockwise_wiener", "disparity=true", "all_in_focus=true"),
         ("view", "+method@methods.other=separable_wiener"),
         ("simulate", "n_fields=1", "scene.camera.size=[48,64]"),
     ],

@@ -47,6 +47,7 @@ def test_the_image_is_warmed_by_commands_that_work(tmp_path):
 
 
 def test_weights_hold_their_model_card_and_the_page_shows_it():
-    notes = checkpoint.read(ROOT / "lfref" / "weights" / "refiner.safetensors")["notes"]
+    notes = checkpoint.read(ROOT / "lfref" / "weights" / "refnet.safetensors")["notes"]
     assert notes["card"]["licence"] == tomllib.loads(text("pyproject.toml"))["project"]["license"]
-    assert all(entry in text("docs/learned.md") for entry in notes["card"].values())
+    page = " ".join(text("docs/paper.md").split())
+    assert all(entry in page for entry in notes["card"].values())

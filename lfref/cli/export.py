@@ -1,4 +1,4 @@
-"""`lfref export`: write a network, a refiner or an operator as a file that other programs run."""
+"""`lfref export`: write a network or an operator as a file that other programs run."""
 
 from pathlib import Path
 

@@ -17,10 +17,9 @@ from lfref.cli.steps import fixed_planes
 from lfref.errors import counted
 from lfref.io.run import CHECKPOINTS, METRICS, TRAINING, Run
 from lfref.nets import checkpoint as checkpoints
-from lfref.nets.refiner import Refiner
 from lfref.refocuser.networks import SHIPPED
 from lfref.train.callbacks import AtomicCheckpointIO, RankAgreement, StopOnSigterm, TrainingRecord
-from lfref.train.modules import Fitting, Refining, Refocusing
+from lfref.train.modules import Refocusing
 
 
 def train(config: DictConfig, folder: Path) -> float | None:
@@ -62,17 +61,13 @@ def _checkpoint(config: DictConfig, own: Run) -> Path | None:
     return own.last if goes_on else None
 
 
-def build_module(config: DictConfig, data: LightningDataModule) -> Fitting:
+def build_module(config: DictConfig, data: LightningDataModule) -> Refocusing:
     """The module that trains the configured network, with the weights that it starts from."""
     net, loss, optimizer, scheduler, metrics = (
         configs.build(config.get(name)) for name in ("net", "loss", "optimizer", "scheduler", "metrics")
     )
-    module: Fitting
-    if isinstance(net, Refiner):
-        module = Refining(net, loss, configs.build(config.data.recipe), optimizer, scheduler, metrics)
-    else:
-        planes, is_linear = fixed_planes(config), getattr(data, "is_linear", True)
-        module = Refocusing(net, loss, planes, optimizer, scheduler, config.end_rate, is_linear, metrics)
+    planes, is_linear = fixed_planes(config), getattr(data, "is_linear", True)
+    module = Refocusing(net, loss, planes, optimizer, scheduler, config.end_rate, is_linear, metrics)
     if config.init_from is not None:
         path = Path(config.init_from)
         weights = SHIPPED.get(config.init_from) or (Run.of(path).best if path.is_dir() else path)

@@ -3,8 +3,8 @@
 ONNX and PT2 hold a network or an operator in float32 for pictures of any size; an operator's file reads slopes too.
 The operator is the method itself, traced: where it would read a number on the host, the file goes the way of a GPU, and
 where views move so far that gradients fail, about 3 pixels per view step, it does not search all slopes. Other
-precisions are made of the file by the tools of whatever runs it. Safetensors hold the weights of a network or a
-refiner, for `lfref.load`.
+precisions are made of the file by the tools of whatever runs it. Safetensors hold the weights of a network, for
+`lfref.load`.
 A file gets its name once its pictures are those of the refocuser.
 Letters: `B` light fields, `V U` view rows and columns, `N` planes, `C H W` channel, pixel row and column.
 """
@@ -28,11 +28,10 @@ from lfref.functional.psnr import psnr
 from lfref.io import atomic, tensor_files
 from lfref.lightfield import LightField
 from lfref.nets import checkpoint
-from lfref.nets.network import Network
 from lfref.refocus.disparity import disparity_map
 from lfref.refocus.focus import line_range
 from lfref.refocuser.load import DESCRIPTION, SLOPES, STACK, VIEWS, Exported, load
-from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser, refiner_entry
+from lfref.refocuser.networks import NetworkRefocuser
 from lfref.refocuser.refocuser import Operator, OperatorRefocuser, Refocuser
 
 Axes = tuple[int | str, ...]
@@ -84,11 +83,11 @@ def export(refocuser: Refocuser, path: Path, fields: Sequence[LightField], slope
     """Write a refocuser as a file.
 
     Args:
-        refocuser: A network with planes of its own, or one of `OPERATORS`; as safetensors also a refiner.
+        refocuser: A network with planes of its own, or one of `OPERATORS`.
         path: `NAME.onnx`, `NAME.pt2` or `NAME.safetensors`.
         fields: Light fields on which the file is tried: alone, and beside their mirror images. An operator's file
             reads the grid of the first.
-        slopes: Planes to which an operator or a refiner is tried, in pixels per view step, [N].
+        slopes: Planes to which an operator is tried, in pixels per view step, [N].
 
     Returns:
         The largest differences between the pictures of the file and of the refocuser.
@@ -128,7 +127,7 @@ def graph_of(refocuser: Refocuser, grid: tuple[int, int]) -> Graph:
     raise InputError(
         f"a graph must be of a network with planes of its own, or of {', '.join(OPERATORS)}",
         got=refocuser.name,
-        remedy=f"take method=blockwise_wiener, or {tensor_files.SUFFIX} for a refiner",
+        remedy="take method=blockwise_wiener",
     )
 
 
@@ -285,18 +284,13 @@ def _write_pt2(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refoc
 
 
 def _write_weights(path: Path, refocuser: Refocuser, grid: tuple[int, int]) -> Refocuser:
-    if isinstance(refocuser, RefinedRefocuser):
-        module: nn.Module = refocuser.refiner
-        entry = refiner_entry(refocuser.refiner, refocuser.base, refocuser.names)
-    elif isinstance(refocuser, NetworkRefocuser) and refocuser.planes is not None:
-        module = refocuser.network
-        entry = checkpoint.payload(refocuser.network, refocuser.planes, refocuser.is_linear is not False)
-    else:
-        remedy = "take .onnx or .pt2"
-        raise InputError(f"{tensor_files.SUFFIX} holds networks and refiners", got=refocuser.name, remedy=remedy)
-    state = {checkpoint.PREFIX + name: weight for name, weight in module.state_dict().items()}
+    if not isinstance(refocuser, NetworkRefocuser) or refocuser.planes is None:
+        raise InputError(f"{tensor_files.SUFFIX} holds networks", got=refocuser.name, remedy="take .onnx or .pt2")
+    network = refocuser.network
+    entry = checkpoint.payload(network, refocuser.planes, refocuser.is_linear is not False)
+    state = {checkpoint.PREFIX + name: weight for name, weight in network.state_dict().items()}
     checkpoint.write_weights(path, {"lfref": entry, "state_dict": state}, {})
-    return load(path, net=type(module) if isinstance(module, Network) else None)
+    return load(path, net=type(network))
 
 
 WRITERS: dict[str, Callable[[Path, Refocuser, tuple[int, int]], Refocuser]] = {

@@ -1,4 +1,4 @@
-"""Filters over neighbouring pixels: box means and maxima, binomial and Gaussian means.
+"""Filters over neighbouring pixels: box means and maxima, and Gaussian means.
 
 On a processor, boxes are computed by shifting whole pictures against each other, one axis after the other. This takes a
 fraction of the time of PyTorch's pooling, which reads each window anew.
@@ -45,18 +45,6 @@ def box_max(images: Tensor, window: int) -> Tensor:
             length = images.shape[axis] - apart
             images = torch.maximum(images.narrow(axis, 0, length), images.narrow(axis, apart, length))
             span += apart
-    return images
-
-
-def binomial(images: Tensor, apart: int = 1) -> Tensor:
-    """Half of each pixel plus a quarter of two neighbours `apart` from it, across and down; edge pixels repeat."""
-    for axis in (-2, -1):
-        smooth, beyond = images / 2, min(apart, images.shape[axis])
-        _add(smooth, images, apart, axis, 0.25)
-        first, last = (images.narrow(axis, at, 1) for at in (0, images.shape[axis] - 1))
-        smooth.narrow(axis, 0, beyond).add_(first, alpha=0.25)
-        smooth.narrow(axis, -beyond, beyond).add_(last, alpha=0.25)
-        images = smooth
     return images
 
 

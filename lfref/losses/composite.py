@@ -1,12 +1,7 @@
-"""The training losses: a weighted sum of named terms, each one a pure function of prediction and target; and, for
-refiners, the share of each picture's error that remains after the correction.
+"""The training loss: a weighted sum of named terms, each one a pure function of prediction and target.
 
 Source: the paper's Eq. for L, with its psi_1 and psi_2 multiplied out,
 L = MSE + beta (1 - SSIM) / 2 + (1 - beta) L1 + gamma / PSNR, computed for each refocused image, then averaged.
-Refiners have a loss of their own (`RelativeError`), because errors of scenes differ by a factor of a thousand. It
-divides the root of the mean squared error after the correction by that before, so that each picture counts alike, and
-averages the logarithm, as the mean of PSNR does. Only pixels with an error scale above 0 count, since no other may be
-corrected.
 Letters: `C H W` channel, pixel row and column.
 """
 
@@ -115,25 +110,3 @@ def _checked_weights(weights: Mapping[str, float], terms: Mapping[str, Term]) ->
     if not all(0 <= value < math.inf for value in checked.values()) or not any(checked.values()):
         raise InputError("weights of a loss must be finite, at least 0 and not all 0", got=checked)
     return {name: value for name, value in checked.items() if value > 0}
-
-
-LEAST_ERROR = 1e-5
-"""Error in light that is added before the division; it equals 100 dB, beyond which pictures need not improve."""
-
-
-class RelativeError(nn.Module):
-    """Refined pictures, truth, pictures and error scale -> mean logarithm of the share of the error that remains.
-
-    Example:
-        >>> pictures, truth = torch.rand(2, 3, 16, 16), torch.rand(2, 3, 16, 16)
-        >>> RelativeError()(pictures, truth, pictures, torch.ones(2, 1, 16, 16))
-        tensor(0.)
-    """
-
-    def forward(self, refined: Tensor, truth: Tensor, pictures: Tensor, error_scale: Tensor) -> Tensor:
-        """The mean over the pictures, a scalar; images [..., C, H, W], the error scale [..., 1, H, W]."""
-        counts = (error_scale > 0).to(truth).expand_as(truth)
-        share = counts / counts.sum((-3, -2, -1), keepdim=True).clamp(min=1)
-        squares = ((share * (images - truth).square()).sum((-3, -2, -1)) for images in (refined, pictures))
-        after, before = ((square + 1e-12).sqrt() + LEAST_ERROR for square in squares)
-        return (after / before).log().mean()

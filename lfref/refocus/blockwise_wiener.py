@@ -23,9 +23,6 @@ from lfref.refocus.joint_wiener import prior_of_map, refocus_jointly
 from lfref.refocus.operator import has_traits
 from lfref.refocus.scene import Scene, scenes_of
 
-CONFUSABLE = 2.5
-"""Range of disparities in pixels per view step from which layers confuse light at two disparities, e apart: detail of
-1 / e cycles per pixel, in a row or a column, looks alike at both, and pictures end at about .4 cycles per pixel."""
 AWAY, FADE = 1.7, 0.6
 """Distance of a plane from all disparities around, in pixels per view step, from which filters of rows and columns are
 better in wide ranges too, and the range before it over which they fade in. By trial on the scene `deep` of sim30 and on
@@ -65,27 +62,13 @@ def blockwise_wiener(
         >>> lfref.blockwise_wiener(views, [-0.5, 0.5]).shape
         torch.Size([2, 3, 48, 64])
     """
-    return batches.restored([stack for stack, _ in _refocused(views, slopes, weights, disparities, scene)], views)
-
-
-@has_traits("predicts", symmetric=True)
-def blockwise_wiener_parts(
-    views: Tensor,
-    slopes: Slopes,
-    weights: Tensor | None = None,
-    disparities: Tensor | None = None,
-    scene: Scene | None = None,
-) -> Tensor:
-    """The stack of `blockwise_wiener`, and the pictures by filters for all disparities, side by side as channels."""
-    return batches.restored(
-        [torch.cat(each, 1) for each in _refocused(views, slopes, weights, disparities, scene)], views
-    )
+    return batches.restored(list(_refocused(views, slopes, weights, disparities, scene)), views)
 
 
 def _refocused(
     views: Tensor, slopes: Slopes, weights: Tensor | None, disparities: Tensor | None, scene: Scene | None
-) -> Iterator[tuple[Tensor, Tensor]]:
-    """Of each light field the stack, and the pictures by filters for all disparities, [N, C, H, W] each."""
+) -> Iterator[Tensor]:
+    """Of each light field the stack, [N, C, H, W]."""
     batch = batches.flattened(views)
     grid, size = batches.grid_and_size(batch)
     planes, aperture = geometry.checked_slopes(slopes, grid, size), batches.symmetric_weights(weights, grid)
@@ -95,20 +78,14 @@ def _refocused(
         disparity = own.disparity if known_disparity is None else known_disparity.to(field)
         prior = separable_wiener.finer(own.energies)
         everywhere = separable_wiener.refocus_by_rows_and_columns(field, planes, prior, aperture, noise)
-        is_wide = confuses(own)
-        if is_wide:
+        if own.known is not None and own.known.is_wide:
             near = _nearness(disparity, planes)
             by_map = prior_of_map(disparity, own.widest, noise)
             joint = refocus_jointly(field, planes, by_map, aperture)
             everywhere = everywhere + near * (joint - everywhere)
         of_blocks, share = block_filters.refocus_by_blocks(own, planes, disparity, prior, aperture)
         stack = torch.lerp(everywhere, of_blocks, share)
-        yield bounded_by_views(stack, own, planes, aperture), everywhere
-
-
-def confuses(scene: Scene) -> bool:
-    """Whether most of a scene's disparities are so far apart that filters of rows and columns confuse its light."""
-    return scene.known is not None and scene.known.common[1] - scene.known.common[0] > CONFUSABLE
+        yield bounded_by_views(stack, own, planes, aperture)
 
 
 def _nearness(disparity: Tensor, planes: Tensor) -> Tensor:

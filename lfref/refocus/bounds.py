@@ -18,6 +18,7 @@ from lfref.refocus import batches
 from lfref.refocus.sampling import BORDERS, CUBIC
 from lfref.refocus.scene import Scene
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import antialiased
 from lfref.refocus.shift.shifts import shifts_of
 
 IN_FOCUS, BLURRED = 1.0, 1.5
@@ -33,7 +34,12 @@ interpolation. By trial on path-traced scenes, both versions of sim30, and `sim3
 
 
 def bounded_by_views(stack: Tensor, scene: Scene, planes: Tensor, aperture: Tensor) -> Tensor:
-    """A stack [N, C, H, W]; where light is in focus, near the sum of the views, if all of them see the pixel."""
+    """A stack [N, C, H, W]; where light is in focus, near the sum of the views that see the pixel.
+
+    Where repeated texture leaves open how far light is from focus, the sum of `shift_and_sum_antialiased`.
+    """
+    if scene.known is not None and scene.known.is_ambiguous:
+        return antialiased(scene.light, scene, planes, aperture)
     low, high = scene.ends_of_energies
     slopes = on_device(planes, low.device)
     is_near = (slopes > low - BLURRED) & (slopes < high + BLURRED)
@@ -64,17 +70,22 @@ def _bounds(field: Tensor, planes: Tensor, aperture: Tensor) -> tuple[Tensor, Te
     """Share of each pixel to which bounds apply, 0 to 1, [N, 1, H, W], and least and largest values, [N, C, H, W]."""
     grid, size = batches.grid_and_size(field)
     points = shift_and_sum(field, planes, "cubic", weights=aperture)
-    both = shift_and_sum(torch.cat([field, field.square()], 2), planes, "linear", weights=aperture)
+    mean = field.mean()
+    centred = field - mean  # squares of small numbers differ by less rounding
+    both = shift_and_sum(torch.cat([centred, centred.square()], 2), planes, "linear", weights=aperture)
     smooth, squares = both.unflatten(1, (2, -1)).unbind(1)
     variance = (squares - smooth.square()).clamp(min=0)
-    down, across = _spreads(aperture)
-    # Views at offset q differ by blur q times the gradient.
-    unit = down * gradient(points, -2).square() + across * gradient(points, -1).square()
-    measured, unit = (box_mean(maps.sum(1, keepdim=True), WINDOW) for maps in (variance, unit))
-    blur = (measured / unit.clamp(min=ALIKE**2)).sqrt()
+    smooth = smooth + mean
     shifts = shifts_of(on_device(planes, field.device), grid, CUBIC)
     covered, _ = shifts.coverage(on_device(aperture, field.device), size, BORDERS["renormalize"])
-    share = ((BLURRED - blur) / (BLURRED - IN_FOCUS)).clamp(0, 1) * (covered[:, None] > 0.999)  # 1, but for rounding
-    room = SHARE * variance.sqrt() + INTERPOLATION * (points - smooth).abs()
+    down, across = _spreads(aperture)
+    # Views at offset q differ by blur q times the gradient; fewer views lie closer together.
+    unit = down * gradient(points, -2).square() + across * gradient(points, -1).square()
+    unit = unit * covered[:, None].to(unit).square()
+    measured, unit = (box_mean(maps.sum(1, keepdim=True), WINDOW) for maps in (variance, unit))
+    blur = (measured / unit.clamp(min=ALIKE**2)).sqrt()
+    share = ((BLURRED - blur) / (BLURRED - IN_FOCUS)).clamp(0, 1)
+    # Where some views do not see a pixel, filters read what lies beyond their edges.
+    room = (SHARE * variance.sqrt() + INTERPOLATION * (points - smooth).abs()) * (covered[:, None] > 0.999)
     bound = box_max(room.amax(1, keepdim=True), 3)
     return share.to(points), points - bound, points + bound

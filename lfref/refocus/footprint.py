@@ -5,11 +5,9 @@ by a box of w = fill_factor |s - d| pixels along x and along y: the same for all
 As taps, a sample inside the box counts 1 / w; five taps at each end are fitted to the box's own response sinc(w k),
 each frequency counting by the power 1 / k^2 of a natural picture. For all widths to 16 the response is met to 0.035
 over k <= 0.4, to 0.009 over k <= 0.3. (A box over cubic interpolation, with as many taps, is off by 0.12 and 0.09.)
-Where the width differs from pixel to pixel, a few widths (levels) are computed and each pixel blends two: off by at
-most 0.02 over k <= 0.4 up to w = 8, and by 0.0015 in the mean over a natural picture's spectrum.
 
-`blurred` and `box_planes` blur finished planes: on the CPU by compiled loops, elsewhere by PyTorch. Beyond its edge a
-plane continues by the border rule. Where only samples count it is black there, and so is its coverage: the blurred sum
+`box_planes` blurs finished planes on the CPU by compiled loops, `boxed` by PyTorch. Beyond its edge a plane continues
+by the border rule. Where only samples count it is black there, and so is its coverage: the blurred sum
 over the blurred coverage is the mean of what there is. Every sample under a box has a tap: a running sum would drift,
 and would save little at the widths that slopes lead to.
 Letters: `s` slope and `d` disparity in pixels per view step, `w` width in samples, `k` frequency in cycles per sample
@@ -33,18 +31,12 @@ from lfref.errors import InputError
 from lfref.functional import loops, positive_definite
 from lfref.functional.devices import on_device
 from lfref.functional.loops import compiled, inlined
-from lfref.refocus import batches
 from lfref.refocus.sampling import BORDERS, TAPS, Border, Integers, Reals, add_taps, rounded_up, set_taps
 
 ENDS = 5
 """Taps fitted at each end of a box; fewer miss the errors above, more would only cost."""
 BAND = 0.4
 """Highest frequency at which the response has to be right, in cycles per sample."""
-PER_E_FOLD = 4
-"""Levels while w^2 grows by a factor of e; fewer miss the errors above, more would only cost."""
-NARROW = 2.0
-"""Width in samples below which levels are even in w^2, as a box's response is; above they are even in log w. Less would
-only cost."""
 
 
 def taps(widths: Tensor, reach: int) -> Tensor:
@@ -82,43 +74,20 @@ def radius(width: float) -> int:
     return math.ceil(width / 2) + 1 if width > 0 else 0
 
 
-def place(squared_widths: Tensor) -> Tensor:
-    """Position of widths, given as w^2, among the levels: 2.25 is a quarter of the way from level 2 to level 3."""
-    return PER_E_FOLD * (squared_widths / NARROW**2).log1p()
-
-
-def width(level: int) -> float:
-    """The width of a level in samples, the inverse of `place`."""
-    return NARROW * math.sqrt(math.expm1(level / PER_E_FOLD))
-
-
-def spanned(places: Tensor) -> range:
-    """The levels that pixels at these places blend."""
-    low, high = places.detach().aminmax()
-    return range(math.floor(float(low)), math.ceil(float(high)) + 1)
-
-
 class Footprint(NamedTuple):
     """The pixels that a view's cell covers."""
 
     fill_factor: float
     """Side of a cell in view steps, >= 0; 0: views are points, and planes the plain sums."""
-    disparity: Tensor
-    """Of the scene: a single number, or one for each pixel where the views are, [B or 1, 1, H, W]."""
+    disparity: float
+    """Of the scene, in pixels per view step."""
     size: tuple[int, int]
     """Height and width of a view in pixels."""
 
-    @property
-    def varies(self) -> bool:
-        """Whether the blur of a plane differs from pixel to pixel."""
-        return self.disparity.ndim > 0
-
     def widths(self, slopes: Tensor) -> Tensor:
-        """Signed widths of the boxes in pixels for slopes [N]: [N], or [B or 1, N, H, W] if they vary."""
-        disparity = self.disparity
-        planes = slopes[None, :, None, None].to(disparity) if self.varies else slopes
-        widths = self.fill_factor * (planes - disparity)
-        if not (widest := float(torch.stack(widths.detach().aminmax()).abs().max())) <= max(self.size):
+        """Signed widths of the boxes in pixels for slopes [N]."""
+        widths = self.fill_factor * (slopes - self.disparity)
+        if not (widest := float(widths.detach().abs().max())) <= max(self.size):
             raise InputError(
                 f"fill_factor * |slope - disparity| must be at most the picture's {max(self.size)} px",
                 got=f"{widest:g} px",
@@ -127,47 +96,22 @@ class Footprint(NamedTuple):
         return widths
 
     def responses(self, slopes: Tensor, frequencies: Tensor) -> Tensor:
-        """Real factors of the frequencies along one axis, [N, 1, K]; 1 where the blur varies and comes afterwards."""
-        widths = torch.zeros_like(slopes) if self.varies else self.widths(slopes)
-        return torch.sinc(on_device(widths, frequencies.device)[:, None, None] * frequencies)
+        """Real factors of the frequencies along one axis, [N, 1, K]."""
+        return torch.sinc(on_device(self.widths(slopes), frequencies.device)[:, None, None] * frequencies)
 
 
-def checked(fill_factor: float, disparity: float | Tensor, views: Tensor) -> Footprint:
+def checked(fill_factor: float, disparity: float, views: Tensor) -> Footprint:
     """The footprint of the cells of views [..., V, U, C, H, W]."""
-    size = (views.shape[-2], views.shape[-1])
     if not 0 <= fill_factor < math.inf:
         raise InputError(
             "fill_factor must be finite and >= 0, in view steps", got=fill_factor, remedy="1 fills the aperture"
         )
-    values = torch.as_tensor(disparity, dtype=torch.float64)
-    if tuple(values.shape) not in ((), size, (*views.shape[:-5], *size)):
-        expected = f"disparity must be a number or a map {list(size)}, or one map for each light field"
-        raise InputError(expected, got=f"shape {list(values.shape)}", remedy="resize the map to the views")
-    if values.ndim == 0:
-        return Footprint(float(fill_factor), values.detach().cpu(), size)
-    maps = values.to(views.device, batches.working_dtype(views.dtype)).reshape(-1, 1, *size)
-    return Footprint(float(fill_factor), maps, size)
+    return Footprint(float(fill_factor), float(disparity), (views.shape[-2], views.shape[-1]))
 
 
 LEAST_SHARE = 0.125
 """Least share of its own coverage that a pixel needs in the blurred coverage: the fitted taps of a box are negative in
 places, and a quotient by next to nothing would be a dot."""
-
-
-def blurred(stack: Tensor, widths: Tensor, border: Border, coverage: Tensor | None = None) -> Tensor:
-    """Planes [B, N, C, H, W] blurred by boxes [B or 1, N, H, W] of signed widths; 0 without coverage [N, H, W]."""
-    places = place(widths.to(stack.dtype).square())
-    covered = coverage.to(stack) if border.counts_only_samples and coverage is not None else None
-    if batches.is_compiled(stack, places):
-        return blurred_numba(stack, places, border, covered)
-    planes = []
-    for n, own in enumerate(places.unbind(1)):
-        if covered is None:
-            planes.append(blended(stack[:, n], own, border))
-        else:
-            weight = blended(covered[n].expand(len(own), 1, -1, -1), own, border)
-            planes.append(blended(stack[:, n] * covered[n], own, border) * inverse(covered[n], weight))
-    return torch.stack(planes, dim=1)
 
 
 def boxed(planes: Tensor, taps: Tensor, border: Border) -> Tensor:
@@ -189,17 +133,6 @@ def _bands(taps: Tensor, border: Border, length: int) -> Tensor:
     index, exists = rule.tap(pixel[:, None] + tap - taps.shape[1] // 2, torch.ones_like(taps[:1]), length)
     weights = (taps[:, None] * exists).expand(-1, length, -1)
     return taps.new_zeros(taps.shape[0], length, length).scatter_add(2, index.expand_as(weights), weights)
-
-
-def blended(planes: Tensor, places: Tensor, border: Border) -> Tensor:
-    """Images [B, C, H, W] blurred by boxes of these places [B or 1, H, W] among the levels, by PyTorch operations."""
-    total = torch.zeros_like(planes)
-    for level in spanned(places):
-        share = (1 - (places - level).abs()).clamp(min=0)[:, None]
-        own = torch.tensor([width(level)], dtype=torch.float64)
-        blurred = boxed(planes[:, None], taps(own, radius(width(level))), border)[:, 0]
-        total = total + share.to(planes) * blurred
-    return total
 
 
 def inverse(coverage: Tensor, blurred: Tensor) -> Tensor:
@@ -262,39 +195,6 @@ def box_planes(stack: NDArray, widths: Sequence[float], border: Border, scales: 
     loops.share(work, jobs, loops.worthwhile(stack.size, 1 << 16))  # samples from which one more thread pays
 
 
-def blurred_numba(stack: Tensor, places: Tensor, border: Border, covered: Tensor | None) -> Tensor:
-    """As `blurred` on the CPU, by compiled loops; `places` are the widths as places among the levels."""
-    planes, shares = stack.detach().contiguous().numpy(), places.detach().to(stack).contiguous().numpy()
-    levels = [spanned(plane) for plane in places.unbind(1)]
-    boxes = {
-        level: _box(width(level), border, planes.shape[-2:], planes.dtype) for level in set(itertools.chain(*levels))
-    }
-    n_threads = loops.worthwhile(planes.size, 1 << 16)
-    coverage = np.ones((len(levels), 1, 1), planes.dtype) if covered is None else covered.numpy()
-    factors, total = np.ones(shares.shape, planes.dtype), np.empty(planes.shape, planes.dtype)
-    real = planes.dtype.type  # whole numbers would make the loop compute in float64
-
-    def blend(image: NDArray, b: int, n: int) -> NDArray:
-        result = np.zeros_like(image)
-        for level in levels[n]:
-            box = boxes[level]
-            _add_level(image, box, shares[b, n], real(level), real(1), result, _workspace(image, box))
-        return result
-
-    def weigh(b: int, n: int) -> None:
-        weight = torch.from_numpy(blend(coverage[n], b, n))
-        factors[b, n] = inverse(torch.from_numpy(coverage[n]), weight).numpy()
-
-    def work(b: int, n: int, c: int) -> None:
-        own = b % len(shares)
-        np.multiply(blend(planes[b, n, c] * coverage[n], own, n), factors[own, n], out=total[b, n, c])
-
-    if covered is not None:
-        loops.share(weigh, itertools.product(*map(range, shares.shape[:2])), n_threads)
-    loops.share(work, itertools.product(*map(range, planes.shape[:3])), n_threads)
-    return torch.from_numpy(total)
-
-
 @functools.lru_cache(maxsize=256)
 def _box(width: float, border: Border, size: tuple[int, int], working: np.dtype) -> Box:
     reach, rule = radius(width), BORDERS["zero"] if border.counts_only_samples else border
@@ -329,23 +229,6 @@ def _blur(image: Reals, box: Box, factors: Reals, kinds: Integers, work: Workspa
             result, row_factors = image[r], factors[kinds[r]]
             for x in range(result.size):
                 result[x] = work.total[x] * row_factors[x]
-
-
-@compiled
-def _add_level(image: Reals, box: Box, places: Reals, level: float, unit: float, total: Reals, work: Workspace) -> None:
-    """Blur a plane by the box of a level, and add its share to the pixels whose place is less than 1 from it."""
-    for y in range(-box.radius, image.shape[0] + box.radius):
-        _blur_along(y, image, box, work)
-        r = y - box.radius
-        if r >= 0:
-            result, row = total[r], places[r]
-            n_blended = 0  # most rows blend few of the levels: those without any pixel are left out
-            for x in range(row.size):
-                n_blended += abs(row[x] - level) < unit
-            if n_blended > 0:
-                _blur_down(r, box, work)
-                for x in range(result.size):
-                    result[x] += max(unit - abs(row[x] - level), unit - unit) * work.total[x]
 
 
 @inlined

@@ -7,6 +7,7 @@ Letters: `V U` view rows and columns, `C H W` channel, pixel row and column.
 """
 
 import functools
+import logging
 from collections.abc import Iterator
 
 import torch
@@ -21,6 +22,8 @@ from lfref.refocus.focus import line_range
 from lfref.refocus.focus.line_range import Ends, LineViews
 from lfref.refocus.focus.slope_range import DisparityRange, scene_range
 from lfref.refocus.fourier.energies import STEP, Energies, estimate_energies, farthest, range_of_cameras
+
+log = logging.getLogger(__name__)
 
 N_LAYERS = 12
 """Number of disparities whose energies are estimated, at least."""
@@ -115,11 +118,6 @@ class Scene:
         """Disparity of the central view, around lights that of the light, [H, W]."""
         return coarse_disparity(self.grey, self.known, self.ends_of_energies)
 
-    @functools.cached_property
-    def refined_disparity(self) -> Tensor:
-        """As `disparity`, refined between the slopes that are tried: the host waits."""
-        return coarse_disparity(self.grey, self.known, self.ends_of_energies, is_refined=True)
-
 
 def analyze_scene(light: LightField | Tensor, weights: Tensor | None = None, positions: Tensor | None = None) -> Scene:
     """Estimate once what methods need to know of a light field, for any number of stacks.
@@ -155,6 +153,8 @@ def analyze_scene(light: LightField | Tensor, weights: Tensor | None = None, pos
     if not is_finite:
         raise InputError("views must be finite", got="NaN or infinity", remedy="mend the file")
     scene.known = scene_range(views.detach(), aperture, positions) if is_far else None
+    if scene.known is not None and scene.known.is_ambiguous:
+        log.warning("repeated texture fits at several disparities: filters give way to shift_and_sum_antialiased")
     return scene
 
 

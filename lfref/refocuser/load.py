@@ -15,8 +15,7 @@ from lfref.io.run import Run, run_name
 from lfref.nets import checkpoint
 from lfref.nets.network import Network
 from lfref.refocus import batches
-from lfref.refocuser import networks
-from lfref.refocuser.networks import refnet, shipped_refiner
+from lfref.refocuser.networks import refnet, restored_network
 from lfref.refocuser.refocuser import Refocuser, light_for_network
 
 CPU = torch.device("cpu")
@@ -29,8 +28,8 @@ def load(
 
     Args:
         path: A run of `lfref train`, whose best checkpoint is taken, or a checkpoint; named after the run. A file that
-            `lfref export` wrote, `NAME.onnx` or `NAME.safetensors`. A model that ships with lfref:
-            `refnet` (7x7 views, the paper's 16 planes), or `refiner`, which None means too (any planes, any even grid).
+            `lfref export` wrote, `NAME.onnx` or `NAME.safetensors`. None or `refnet`: the RefNet that ships with lfref
+            (7x7 views, the paper's 16 planes).
         device: Where the network goes; exported files run on the CPU, wherever views are.
         net: Class of the network in a checkpoint, if it is not one of ours.
 
@@ -48,17 +47,13 @@ def load(
         >>> refocuser(torch.rand(3, 3, 3, 24, 32)).shape, refocuser.planes.labels
         (torch.Size([2, 3, 24, 32]), ('slope -1', 'slope 1'))
     """
-    if path in (None, "refiner"):
-        return shipped_refiner(device=device)
-    if path == "refnet":
+    if path in (None, "refnet"):
         return refnet(device=device)
     path = Run.of(path).best if Path(path).is_dir() else Path(path)
     if path.suffix == ".onnx":
         return load_onnx(path)
     contents = checkpoint.read(path)
-    if networks.REFINER in contents["lfref"]:
-        return networks.restored_refiner(path, contents, run_name(path), device)
-    return networks.restored_network(path, contents, run_name(path), device, net)
+    return restored_network(path, contents, run_name(path), device, net)
 
 
 DESCRIPTION = "lfref"

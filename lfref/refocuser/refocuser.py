@@ -216,8 +216,8 @@ class OperatorRefocuser(Refocuser):
 
     def cell_width(self, slopes: Tensor) -> float:
         """As in `Refocuser`, by the operator's `fill_factor` and `disparity`."""
-        disparity = torch.as_tensor(self.options.get("disparity", 0.0), dtype=torch.float64).reshape(-1, 1)
-        return float(self.options.get("fill_factor", 0.0) * (slopes.cpu() - disparity.cpu()).abs().max())
+        distances = slopes.cpu() - self.options.get("disparity", 0.0)
+        return float(self.options.get("fill_factor", 0.0) * distances.abs().max())
 
     def _weighted_mean(self, views: Tensor, weight: Tensor, slopes: Tensor, options: dict[str, Tensor]) -> Tensor:
         """Sum of the weighted samples over the sum of the weights."""

@@ -1,6 +1,5 @@
-"""LightningModules: a network with its loss, metrics, optimiser and schedule, also across a resume."""
+"""The LightningModule: a network with its loss, metrics, optimiser and schedule, also across a resume."""
 
-import abc
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -13,17 +12,12 @@ from torch.optim.lr_scheduler import CyclicLR, LambdaLR, LRScheduler, OneCycleLR
 from torchmetrics import Metric
 
 from lfref.data.crops import Batch
-from lfref.data.planes import Entry, Recipe
 from lfref.errors import InputError
-from lfref.functional.psnr import psnr
 from lfref.geometry import FocalPlanes
-from lfref.losses.composite import CompositeLoss, RelativeError
+from lfref.losses.composite import CompositeLoss
 from lfref.metrics.stack import GROUPS, MPSNR, MSSIM, Explained
 from lfref.nets import checkpoint as checkpoints
 from lfref.nets.network import Network
-from lfref.nets.refiner import Refiner
-from lfref.refocuser.features import check_names
-from lfref.refocuser.networks import refiner_entry
 
 OptimizerFactory = Callable[[list[dict[str, Any]]], Optimizer]
 SchedulerFactory = Callable[[Optimizer], LRScheduler]
@@ -34,31 +28,83 @@ LOSS, MPSNR_OF_STACK, MSSIM_OF_STACK = "loss", "val/mpsnr", "val/mssim"
 """Names of logged values: `train/loss` and `val/loss`, and the quality of the stacks of validation."""
 
 
-class Fitting(LightningModule, abc.ABC):
-    """Base of training modules: a network, and functions that make its optimiser and the schedule of its rate.
+class Refocusing(LightningModule):
+    """Trains a network to make refocused stacks: views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
 
-    Further metrics are logged by their names as `val/NAME`.
+    Args:
+        net: The network.
+        loss: Named weighted terms.
+        planes: Planes of the labels; they go into every checkpoint, as `is_linear` does.
+        optimizer: Function that makes the optimiser of groups of parameters.
+        scheduler: Function that makes the schedule of an optimiser's rate.
+        end_rate: Learning rate of the network's first and last layers, as a share of the rate of the others. Inputs of
+            RefNet's last convolution are positive and large: one step of Adam at the full rate would move an output
+            by more than the range of most pictures.
+        is_linear: Whether the data are linear light or encoded samples.
+        metrics: Further metrics of validation, logged by their names as `val/NAME`.
     """
-
-    end_rate = 1.0
-    """Learning rate of the second group of parameters, as a share of that of the first."""
 
     def __init__(
         self,
-        net: nn.Module,
+        net: Network,
+        loss: CompositeLoss,
+        planes: FocalPlanes,
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
+        end_rate: float = 1.0,
+        is_linear: bool = True,
         metrics: Mapping[str, Metric] | None = None,
     ) -> None:
         super().__init__()
+        checkpoints.check_number(net, planes)
         self.net: Any = net
         self.optimizer = optimizer
         self.scheduler = scheduler
         self.metrics: Any = nn.ModuleDict(metrics or {})
+        self.end_rate = end_rate
+        self.loss = loss
+        self.planes = planes
+        self.is_linear = is_linear
+        self.mpsnr = MPSNR(n_planes=len(planes))
+        self.mssim = MSSIM(n_planes=len(planes))
+        self.explained = nn.ModuleList(Explained(planes.values, group) for group in GROUPS)
 
-    @abc.abstractmethod
+    def parameter_groups(self) -> list[list[nn.Parameter]]:
+        """Parameters of the network in groups; the second one, its first and last layers, learns at `end_rate`."""
+        ends = [] if self.end_rate == 1 else list(self.net.ends())
+        slow = {id(parameter) for parameter in ends}
+        others = [parameter for parameter in self.net.parameters() if id(parameter) not in slow]
+        return [others, ends] if ends else [others]
+
+    def training_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """The loss of one batch; every term is logged by its name."""
+        return self._loss(batch["labels"], self.net(batch["views"], batch["slopes"]), "train")
+
+    def validation_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """The stack of one held-out batch; its loss and metrics are logged."""
+        stack = self.net(batch["views"], batch["slopes"])
+        self._loss(batch["labels"], stack, "val")
+        for name, metric in ((MPSNR_OF_STACK, self.mpsnr), (MSSIM_OF_STACK, self.mssim)):
+            metric.update(stack, batch["labels"])
+            self.log(name, metric, prog_bar=True)
+        mean = batch["views"].mean((1, 2))
+        for group, share in zip(GROUPS, self.explained, strict=True):
+            assert isinstance(share, Explained)
+            if any(share.planes):
+                share.update(stack, batch["labels"], mean)
+                self.log(EXPLAINED[group], share, prog_bar=group == "all")
+        self.update_metrics(stack, batch["labels"])
+        return stack
+
+    def on_validation_epoch_end(self) -> None:
+        """Log the MPSNR of each plane, over all processes."""
+        names = plane_names(self.planes)
+        # `per_plane` has the stacks of all processes: their mean, which Lightning wants to take, changes nothing.
+        self.log_dict(dict(zip(names, self.mpsnr.per_plane(), strict=True)), sync_dist=True)
+
     def payload(self) -> dict[str, Any]:
-        """Entry of checkpoints from which `lfref.load` builds the network again."""
+        """Entry of checkpoints from which `lfref.load` builds the network again: its arguments and its planes."""
+        return checkpoints.payload(self.net, self.planes, self.is_linear)
 
     def update_metrics(self, images: Tensor, truth: Tensor) -> None:
         """Update the further metrics with validation images [..., C, H, W], clamped to [0, 1], and log them."""
@@ -95,142 +141,17 @@ class Fitting(LightningModule, abc.ABC):
         optimizer, schedule = self._optimization([[nn.Parameter(torch.zeros(()))] for _ in self.parameter_groups()])
         refit(checkpoint, optimizer, schedule, n_steps[interval_of(schedule)])
 
-    def parameter_groups(self) -> list[list[nn.Parameter]]:
-        """Parameters of the network in groups; the second group, if any, learns at `end_rate` of the rate."""
-        return [list(self.net.parameters())]
-
-    def _optimization(self, groups: list[list[nn.Parameter]]) -> tuple[Optimizer, LRScheduler | None]:
-        optimizer = self.optimizer([{"params": group} for group in groups])
-        for group in optimizer.param_groups[1:]:
-            group["lr"] *= self.end_rate
-        return optimizer, self.scheduler(optimizer) if self.scheduler else None
-
-
-class Refocusing(Fitting):
-    """Trains a network to make refocused stacks: views [B, V, U, C, H, W] and slopes [N] -> stack [B, N, C, H, W].
-
-    Args:
-        net: The network.
-        loss: Named weighted terms.
-        planes: Planes of the labels; they go into every checkpoint, as `is_linear` does.
-        optimizer: As in `Fitting`, like `scheduler` and `metrics`.
-        end_rate: Learning rate of the network's first and last layers, as a share of the rate of the others. Inputs of
-            RefNet's last convolution are positive and large: one step of Adam at the full rate would move an output
-            by more than the range of most pictures.
-        is_linear: Whether the data are linear light or encoded samples.
-    """
-
-    def __init__(
-        self,
-        net: Network,
-        loss: CompositeLoss,
-        planes: FocalPlanes,
-        optimizer: OptimizerFactory,
-        scheduler: SchedulerFactory | None = None,
-        end_rate: float = 1.0,
-        is_linear: bool = True,
-        metrics: Mapping[str, Metric] | None = None,
-    ) -> None:
-        super().__init__(net, optimizer, scheduler, metrics)
-        checkpoints.check_number(net, planes)
-        self.end_rate = end_rate
-        self.loss = loss
-        self.planes = planes
-        self.is_linear = is_linear
-        self.mpsnr = MPSNR(n_planes=len(planes))
-        self.mssim = MSSIM(n_planes=len(planes))
-        self.explained = nn.ModuleList(Explained(planes.values, group) for group in GROUPS)
-
-    def parameter_groups(self) -> list[list[nn.Parameter]]:
-        """As in `Fitting`: the first and last layers learn slowly, unless `end_rate` is 1."""
-        ends = [] if self.end_rate == 1 else list(self.net.ends())
-        slow = {id(parameter) for parameter in ends}
-        others = [parameter for parameter in self.net.parameters() if id(parameter) not in slow]
-        return [others, ends] if ends else [others]
-
-    def training_step(self, batch: Batch, batch_index: int) -> Tensor:
-        """The loss of one batch; every term is logged by its name."""
-        return self._loss(batch["labels"], self.net(batch["views"], batch["slopes"]), "train")
-
-    def validation_step(self, batch: Batch, batch_index: int) -> Tensor:
-        """The stack of one held-out batch; its loss and metrics are logged."""
-        stack = self.net(batch["views"], batch["slopes"])
-        self._loss(batch["labels"], stack, "val")
-        for name, metric in ((MPSNR_OF_STACK, self.mpsnr), (MSSIM_OF_STACK, self.mssim)):
-            metric.update(stack, batch["labels"])
-            self.log(name, metric, prog_bar=True)
-        mean = batch["views"].mean((1, 2))
-        for group, share in zip(GROUPS, self.explained, strict=True):
-            assert isinstance(share, Explained)
-            if any(share.planes):
-                share.update(stack, batch["labels"], mean)
-                self.log(EXPLAINED[group], share, prog_bar=group == "all")
-        self.update_metrics(stack, batch["labels"])
-        return stack
-
-    def on_validation_epoch_end(self) -> None:
-        """Log the MPSNR of each plane, over all processes."""
-        names = plane_names(self.planes)
-        # `per_plane` has the stacks of all processes: their mean, which Lightning wants to take, changes nothing.
-        self.log_dict(dict(zip(names, self.mpsnr.per_plane(), strict=True)), sync_dist=True)
-
-    def payload(self) -> dict[str, Any]:
-        """The entry of `Fitting.payload`: the network's arguments and its planes."""
-        return checkpoints.payload(self.net, self.planes, self.is_linear)
-
     def _loss(self, labels: Tensor, stack: Tensor, stage: str) -> Tensor:
         terms = self.loss.terms(stack, labels)
         total = self.loss.total(terms)
         self.log_stage(stage, {LOSS: total, **terms}, len(labels))
         return total
 
-
-class Refining(Fitting):
-    """Trains a refiner to correct the planes of a classical method; arguments are those of `Fitting`, and these.
-
-    The loss is a function of refined pictures, truth, pictures and error scale. Method and features of the recipe go
-    into every checkpoint.
-    """
-
-    def __init__(
-        self,
-        net: Refiner,
-        loss: RelativeError,
-        recipe: Recipe,
-        optimizer: OptimizerFactory,
-        scheduler: SchedulerFactory | None = None,
-        metrics: Mapping[str, Metric] | None = None,
-    ) -> None:
-        super().__init__(net, optimizer, scheduler, metrics)
-        check_names(recipe.features, net.n_candidates)
-        self.loss = loss
-        self.recipe = recipe
-
-    def training_step(self, batch: Entry, batch_index: int) -> Tensor:
-        """The loss of one batch."""
-        return self._loss(batch, self.net(batch["features"], batch["pictures"], batch["error_scale"]), "train")
-
-    def validation_step(self, batch: Entry, batch_index: int) -> None:
-        """Log the loss, the PSNR and its gain over the pictures for one held-out light field."""
-        output = self.net(batch["features"], batch["pictures"], batch["error_scale"])
-        self._loss(batch, output, "val")
-        truth = batch["pictures"] + batch["missing"]
-        # Pixels that may not be corrected count as right.
-        refined, base = (torch.where(batch["error_scale"] > 0, each, truth) for each in (output, batch["pictures"]))
-        after, before = (psnr(each, truth).mean() for each in (refined, base))
-        self.update_metrics(refined, truth)
-        values = {MPSNR_OF_STACK: after, "val/gain": after - before}
-        self.log_dict(values, prog_bar=True, batch_size=len(truth), sync_dist=True)
-
-    def payload(self) -> dict[str, Any]:
-        """The entry of `Fitting.payload`: the refiner's arguments, its method and its features."""
-        return refiner_entry(self.net, self.recipe.base, self.recipe.features)
-
-    def _loss(self, batch: Entry, output: Tensor, stage: str) -> Tensor:
-        truth = batch["pictures"] + batch["missing"]
-        loss: Tensor = self.loss(output, truth, batch["pictures"], batch["error_scale"])
-        self.log_stage(stage, {LOSS: loss}, len(output))
-        return loss
+    def _optimization(self, groups: list[list[nn.Parameter]]) -> tuple[Optimizer, LRScheduler | None]:
+        optimizer = self.optimizer([{"params": group} for group in groups])
+        for group in optimizer.param_groups[1:]:
+            group["lr"] *= self.end_rate
+        return optimizer, self.scheduler(optimizer) if self.scheduler else None
 
 
 def plane_names(planes: FocalPlanes) -> list[str]:

@@ -9,8 +9,7 @@ import yaml
 
 from lfref.cli import config as configs
 from lfref.cli import train as command
-from lfref.errors import CheckpointError
-from lfref.train.modules import Fitting
+from lfref.train.modules import Refocusing
 from tests.cli.conftest import TINY_DATA, TINY_NET
 from tests.conftest import ROOT
 
@@ -28,9 +27,7 @@ FAST = (
 WHOLE = ("data.patch=64", "data.cache_folder=null", "trainer.precision=32-true")
 """Crops that the views of alpha .125 do not leave, no scenes kept, and a precision that Lightning's summary knows."""
 EXPERIMENTS = [
-    [f"experiment={path.stem}", *WHOLE]
-    for path in sorted((configs.directory() / "experiment").glob("*.yaml"))
-    if path.stem != "refiner"
+    [f"experiment={path.stem}", *WHOLE] for path in sorted((configs.directory() / "experiment").glob("*.yaml"))
 ]
 
 
@@ -42,13 +39,13 @@ def thinned(choices):
 @pytest.fixture
 def losses(monkeypatch):
     """The loss of every training step that is taken."""
-    seen, log = [], Fitting.log_stage
+    seen, log = [], Refocusing.log_stage
 
     def watched(self, stage, values, batch_size):
         seen.extend([values["loss"]] if stage == "train" else [])
         log(self, stage, values, batch_size)
 
-    monkeypatch.setattr(Fitting, "log_stage", watched)
+    monkeypatch.setattr(Refocusing, "log_stage", watched)
     return seen
 
 
@@ -69,24 +66,6 @@ def test_every_experiment_label_sweep_and_variant_passes_a_fast_dev_run(composed
     command.train(composed("train", *TINY_DATA, *words, *FAST), tmp_path)
     assert [bool(loss.isfinite()) for loss in losses] == [True]
     assert wandb.run is None
-
-
-def test_a_refiner_passes_a_fast_dev_run(composed, tmp_path, losses):
-    small = (
-        "method@data.recipe.base=shift_and_sum",
-        "data.recipe.scenes.camera.size=[40,40]",
-        "data.recipe.grids=[[3,3]]",
-        f"data.cache_folder={tmp_path}/cache",
-        "data.n_fields=2",
-        "data.n_validation=1",
-        "data.crop=16",
-        "net.width=8",
-        "trainer.precision=32-true",
-    )
-    command.train(composed("train", "experiment=refiner", *small, *FAST, "~callbacks.average"), tmp_path)
-    assert [bool(loss.isfinite()) for loss in losses] == [True]
-    with pytest.raises(CheckpointError, match=r"refiner.safetensors: .* must be"):  # the shipped network is wider
-        command.train(composed("train", "experiment=refiner", "init_from=refiner", *small, *FAST), tmp_path)
 
 
 def test_the_papers_experiment_makes_its_choices(composed):

@@ -16,19 +16,13 @@ from torch.nn import functional as F
 
 from lfref.captures import correct as corrections
 from lfref.captures.correct import correct
-from lfref.data import planes
-from lfref.data.planes import Recipe
 from lfref.io import images
 from lfref.io import read as reader
 from lfref.io.write import write
 from lfref.lightfield import LightField
-from lfref.refocus.shift.shift_and_sum import shift_and_sum
-from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import sim30
 from lfref.simulator.effects import optics
 from lfref.simulator.effects.sensor import Sensor
-from lfref.simulator.scene import Camera
-from lfref.simulator.scenes import RandomScenes, RandomSensor
 from lfref.simulator.simulate import simulate
 
 EXPECTED = Path(__file__).with_name("versions.npz")
@@ -64,17 +58,6 @@ def corrected(folder):
     return torch.cat([blocks.flatten(), found["alignment"].shifts.flatten().float()])
 
 
-def prepared(folder):
-    """Items of a small set of planes, in blocks of 8 pixels."""
-    recipe = Recipe(
-        RandomScenes(Camera((3, 3), (32, 40)), sensor=RandomSensor()),
-        OperatorRefocuser("shift_and_sum", shift_and_sum),
-        grids=((3, 3),),
-    )
-    items = [planes.make(recipe, index) for index in (0, 1)]
-    return torch.cat([F.avg_pool2d(torch.cat(item[:4], 1), 8).flatten() for item in items])
-
-
 def description(value):
     """A scene's parameters that differ from their defaults: new fields of a sensor change nothing."""
     if dataclasses.is_dataclass(value):
@@ -92,8 +75,6 @@ def described(folder):
 CHECKS = {
     "decoded": (decoded, 1e-5, "VERSION in lfref/io/read.py", reader.VERSION),
     "corrected": (corrected, 2e-3, "VERSION in lfref/captures/correct.py", corrections.VERSION),
-    # Almost equal costs decide some disparities otherwise on another processor: 28 of 10,800 numbers, by up to 4.4e-3.
-    "prepared": (prepared, 1e-2, "VERSION in lfref/data/planes.py", planes.VERSION),
     "described": (described, 0, "VERSION and VERSION_2 in lfref/simulator/sim30.py", sim30.VERSION),
 }
 

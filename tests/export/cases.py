@@ -1,18 +1,14 @@
-"""A network and a refiner, small, and light fields of three sizes."""
+"""A small network, and light fields of three sizes."""
 
 import torch
 
 from lfref.geometry import planes_at_alphas
 from lfref.lightfield import LightField
-from lfref.nets.refiner import Refiner
 from lfref.nets.refnet import RefNet
-from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
-from lfref.refocuser.networks import NetworkRefocuser, RefinedRefocuser
-from lfref.refocuser.refocuser import OperatorRefocuser
+from lfref.refocuser.networks import NetworkRefocuser
 
 GRID = (3, 3)
 PLANES = planes_at_alphas([0.5, 1.0, 2.0])
-FEATURES = ("fine", "spread", "error_scale")
 
 
 def field(size=(31, 45), seed=0):
@@ -40,14 +36,3 @@ def network(shuffle=1, normalization="instance"):
     net = RefNet(3, GRID, widths=(16, 8), normalization=normalization, **coarse).requires_grad_(False)
     net.initialize(FIELDS[0].views[None], None, 0.3 + 0.4 * FIELDS[0].views[None, 1])
     return NetworkRefocuser(net, PLANES, "net", is_linear=True)
-
-
-def refiner():
-    torch.manual_seed(4)
-    net = Refiner(5, 1, width=8, n_blocks=1).requires_grad_(False)
-    for layer in net.modules():
-        if isinstance(layer, torch.nn.Conv2d):
-            torch.nn.init.kaiming_normal_(layer.weight)
-    net.head[1].bias[-4:] = 3.0  # the gate, of each of four pixels, is open
-    base = OperatorRefocuser("cells", shift_and_sum_antialiased)
-    return RefinedRefocuser(net, base, FEATURES, "refined")

@@ -9,7 +9,7 @@ from torch.autograd import gradcheck
 from torch.nn import functional as F
 
 from lfref.functional import neighbours
-from lfref.functional.neighbours import binomial, box_max, box_mean
+from lfref.functional.neighbours import box_max, box_mean
 
 SIZES = [(1, 1), (3, 2), (8, 9), (31, 40)]
 
@@ -29,20 +29,7 @@ def test_the_largest_is_that_of_what_lies_within_the_picture(size, window):
     assert torch.equal(box_max(images, window), F.max_pool2d(images, window, 1, window // 2))
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("apart", [1, 2, 4])
-def test_binomial_filters_read_beyond_an_edge_what_lies_at_it(size, apart):
-    images = torch.rand(2, 3, *size, dtype=torch.float64)
-    line = torch.zeros(2 * apart + 1, dtype=torch.float64)
-    line[::apart] = torch.tensor([0.25, 0.5, 0.25])
-    padded = F.pad(images, (apart,) * 4, mode="replicate")
-    expected = F.conv2d(padded, (line[:, None] * line).expand(3, 1, -1, -1), groups=3)
-    torch.testing.assert_close(binomial(images, apart), expected)
-
-
-@pytest.mark.parametrize(
-    "made", [lambda images: box_mean(images, 3), binomial, lambda images: neighbours.smoothed(images, 0.8)]
-)
+@pytest.mark.parametrize("made", [lambda images: box_mean(images, 3), lambda images: neighbours.smoothed(images, 0.8)])
 def test_gradients(made):
     assert gradcheck(made, torch.rand(1, 4, 5, dtype=torch.float64, requires_grad=True))
 

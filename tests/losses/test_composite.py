@@ -14,7 +14,7 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 from lfref.errors import InputError
 from lfref.functional.psnr import psnr
 from lfref.functional.ssim import ssim
-from lfref.losses.composite import PAPER_WEIGHTS, TERMS, CompositeLoss, RelativeError, paper_weights
+from lfref.losses.composite import PAPER_WEIGHTS, TERMS, CompositeLoss, paper_weights
 
 
 def images(*shape: int, dtype: torch.dtype = torch.float32, seed: int = 0) -> torch.Tensor:
@@ -160,32 +160,6 @@ def test_hard_images_have_a_finite_loss_and_gradient(name: str, dtype: torch.dty
 
 
 SCALE = torch.ones(2, 1, 8, 8)
-
-
-def test_it_is_the_share_of_each_pictures_error_that_is_left():
-    truth = torch.rand(2, 3, 8, 8, dtype=torch.float64)
-    error = torch.tensor([0.5, 5e-5])[:, None, None, None] * torch.randn(2, 3, 8, 8).sign()
-    left = torch.tensor([0.5, 0.25])[:, None, None, None] * error
-    # 1e-5 of light, 100 dB, is added to each error; the second one is not much larger.
-    first, second = (0.25 + 1e-5) / (0.5 + 1e-5), (1.25e-5 + 1e-5) / (5e-5 + 1e-5)
-    share = float(RelativeError()(truth + left, truth, truth + error, SCALE.double()))
-    assert share == pytest.approx((math.log(first) + math.log(second)) / 2, rel=1e-2)
-
-
-def test_only_pixels_with_an_error_scale_count():
-    truth, error_scale = torch.zeros(1, 3, 9, 9), torch.zeros(1, 1, 9, 9)
-    error_scale[..., 2:-2, 2:-2] = 0.3
-    pictures = truth + 0.1
-    refined = torch.where(error_scale > 0, 0.05, 7.0).expand_as(truth)
-    assert float(RelativeError()(refined, truth, pictures, error_scale)) == pytest.approx(math.log(0.5), rel=1e-2)
-    nothing = torch.zeros_like(error_scale)
-    assert float(RelativeError()(refined, truth, pictures, nothing)) == pytest.approx(0, abs=1e-6)
-
-
-def test_gradients():
-    refined = torch.rand(2, 3, 5, 5, dtype=torch.float64, requires_grad=True)
-    truth, pictures = (torch.rand(2, 3, 5, 5, dtype=torch.float64) for _ in range(2))
-    assert gradcheck(lambda each: RelativeError()(each, truth, pictures, torch.ones(2, 1, 5, 5)), refined)
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from lfref.errors import InputError
-from lfref.refocus import blockwise_wiener as module
-from lfref.refocus.blockwise_wiener import blockwise_wiener, blockwise_wiener_parts
+from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.disparity.disparity_map import disparity_map
+from lfref.refocus.focus.slope_range import DisparityRange
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.separable_wiener import separable_wiener
 from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
@@ -26,7 +26,7 @@ def test_is_nearer_the_truth_than_exact_refocusing(name):
 def test_near_focus_in_a_wide_range_filters_of_all_views_together_help():
     views, truth = scene("deep")
     ours, cells = (psnr(operator(views, SLOPES), truth) for operator in (blockwise_wiener, shift_and_sum_antialiased))
-    with mock.patch.object(module, "confuses", return_value=False):
+    with mock.patch.object(DisparityRange, "is_wide", False):
         blind = psnr(blockwise_wiener(views, SLOPES), truth)
     for other in (cells, blind):
         assert float((ours - other)[SLOPES.index(0.4)]) > 2
@@ -38,17 +38,6 @@ def test_blocks_help_near_focus(name, gain):
     ours, everywhere = (psnr(operator(views, SLOPES), truth) for operator in (blockwise_wiener, separable_wiener))
     assert bool((ours >= everywhere - 2).all())  # beyond 65 dB
     assert float((ours - everywhere)[SLOPES.index(0.4)]) > gain
-
-
-def test_parts_are_the_stack_and_what_it_is_made_of():
-    views = scene("discs")[0]
-    stack, everywhere = blockwise_wiener_parts(views, SLOPES).split(3, 1)
-    assert torch.equal(stack, blockwise_wiener(views, SLOPES))
-    # Not bounded by the views yet.
-    torch.testing.assert_close(everywhere, separable_wiener(views, SLOPES), atol=1e-3, rtol=0)
-    torch.testing.assert_close(
-        blockwise_wiener_parts(torch.stack([views, views.flip(-1)]), SLOPES[:2])[0, :, :3], stack[:2]
-    )
 
 
 def test_gradients_reach_all_views():
@@ -64,8 +53,8 @@ def test_known_disparities_take_the_place_of_estimated_ones():
     stack = blockwise_wiener(views, SLOPES, disparities=known)
     torch.testing.assert_close(stack, blockwise_wiener(views, SLOPES), atol=2e-2, rtol=0)
     # Where everything is far from focus, no block counts.
-    far, everywhere = blockwise_wiener_parts(views, [-3.4], disparities=torch.zeros_like(known)).split(3, 1)
-    assert torch.equal(far, everywhere)
+    far = blockwise_wiener(views, [-3.4], disparities=torch.zeros_like(known))
+    torch.testing.assert_close(far, separable_wiener(views, [-3.4]))
 
 
 @pytest.mark.parametrize("operator", [blockwise_wiener, separable_wiener])

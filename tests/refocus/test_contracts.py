@@ -71,16 +71,6 @@ def from_anywhere(operator):
     return moved
 
 
-def before_a_bowl(operator):
-    """The operator through cells of the aperture, with another disparity at every pixel."""
-
-    def blurred(views, **options):
-        rows, columns = (torch.linspace(-1, 1, n, dtype=torch.float64) for n in views.shape[-2:])
-        return operator(views, disparity=0.8 * columns**2 - 0.3 * rows[:, None], **options)
-
-    return blurred
-
-
 # Every interpolation and every border, each with another of the other kind: they meet in every pair in `shift`'s tests.
 PAIRS = [
     ("nearest", "zero"),
@@ -96,13 +86,11 @@ evenly = functools.partial(focal_stack_transform, n_planes=4, first=-1.3, last=0
 OPERATORS = {
     **with_options(shifted, *PAIRS),
     "shifted fill": functools.partial(shifted, fill_factor=1.0, disparity=0.21),
-    "shifted fill before a bowl": before_a_bowl(functools.partial(shifted, fill_factor=1.0)),
     **with_options(on_a_bowl, ("nearest", "edge"), ("linear", "zero"), ("cubic", "renormalize")),
     **with_options(through_turned_cameras, ("linear", "renormalize"), ("cubic", "zero")),
     "tilt_shift": tilted,
     "exact_fourier": exactly,
     "exact_fourier fill": functools.partial(exactly, fill_factor=1.0, disparity=0.21),
-    "exact_fourier fill before a bowl": before_a_bowl(functools.partial(exactly, fill_factor=1.0)),
     "fourier_slice linear": functools.partial(fourier_slice, slopes=SLOPES, kernel="linear", padding=1),
     "fourier_slice wide": functools.partial(fourier_slice, slopes=SLOPES, width=6, padding=1.5),
     "focal_stack_transform": evenly,
@@ -181,13 +169,10 @@ def test_keeps_the_brightness(name):
 
 @pytest.mark.parametrize("name", ["shifted linear renormalize", "exact_fourier"])
 @settings(deadline=None, max_examples=15)
-@given(fill_factor=st.floats(0, 4), disparity=st.floats(-1, 1), spread=st.floats(0, 1), seed=st.integers(0, 99))
-def test_keeps_the_brightness_at_any_fill_and_disparity(name, fill_factor, disparity, spread, seed):
-    generator = torch.Generator().manual_seed(seed)
-    behind = disparity + spread * (2 * torch.rand(13, 14, dtype=torch.float64, generator=generator) - 1)
-    for disparities in (disparity, behind):
-        operator = functools.partial(OPERATORS[name], fill_factor=fill_factor, disparity=disparities)
-        contracts.assert_gain_of_1(operator, (3, 4, 1, 13, 14), 1e-6)
+@given(fill_factor=st.floats(0, 4), disparity=st.floats(-1, 1))
+def test_keeps_the_brightness_at_any_fill_and_disparity(name, fill_factor, disparity):
+    operator = functools.partial(OPERATORS[name], fill_factor=fill_factor, disparity=disparity)
+    contracts.assert_gain_of_1(operator, (3, 4, 1, 13, 14), 1e-6)
 
 
 @for_each(OPERATORS)

@@ -1,7 +1,5 @@
 """Cells of the aperture: taps of a box against its response, levels of widths, and what is refused."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
@@ -38,23 +36,6 @@ def test_the_response_is_that_of_a_box(highest, error):
         weights = taps_of(float(width))
         assert sum(weights) == pytest.approx(1, abs=1e-12)
         assert float((filtered(weights, frequencies) - torch.sinc(width * frequencies)).abs().max()) < error
-
-
-def test_two_levels_make_the_response_of_the_widths_between():
-    frequencies = torch.linspace(0, 0.4, 17, dtype=torch.float64)
-    power = 1 / (frequencies[:, None].square() + frequencies.square()).clamp(min=1 / 200**2)
-
-    def response(width):
-        along = torch.sinc(width * frequencies)
-        return along[:, None] * along
-
-    for width in torch.linspace(0.02, 8, 200).tolist():
-        place = float(footprint.place(torch.tensor(width, dtype=torch.float64) ** 2))
-        low, share = math.floor(place), place - math.floor(place)
-        blend = (1 - share) * response(footprint.width(low)) + share * response(footprint.width(low + 1))
-        error = blend - response(width)
-        assert float(error.abs().max()) < 0.021
-        assert float(((error.square() * power).sum() / power.sum()).sqrt()) < 0.0016
 
 
 def slow_box(image, widths, border):
@@ -112,14 +93,3 @@ def test_equals_eager_at_any_size(height, width, box, border):
     stack = torch.rand(1, 1, 1, height, width, dtype=torch.float64)
     expected = boxed(stack, box, border)
     torch.testing.assert_close(boxed_numba(stack, [box], border), expected, atol=1e-12, rtol=0)
-
-
-@pytest.mark.parametrize("n_maps", [1, 2])
-@pytest.mark.parametrize("border", list(BORDERS))
-def test_maps_equal_eager(border, n_maps):
-    stack = torch.rand(2, 3, 2, 19, 33, dtype=torch.float64)
-    places = 6 * torch.rand(n_maps, 3, 19, 33, dtype=torch.float64)
-    places[:, 1] = 0
-    expected = [footprint.blended(stack[:, n], places[:, n], BORDERS[border]) for n in range(3)]
-    blended = footprint.blurred_numba(stack, places, BORDERS[border], None)
-    torch.testing.assert_close(blended, torch.stack(expected, dim=1), atol=1e-12, rtol=0)

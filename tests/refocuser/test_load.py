@@ -11,7 +11,6 @@ from lfref.refocuser.networks import SHIPPED, NetworkRefocuser
 from tests.export import cases
 
 SHA256 = {
-    "refiner": "cd756a0a53d1b79b8f9aab142abda1166d6bf8cef5347a3b08c59f2713f3b663",
     "refnet": "552f4951df1b2c2a218a1923076ffb50472fc28b6f49aaaa3ec4ca82366daf3b",
 }
 """Of the files that ship."""

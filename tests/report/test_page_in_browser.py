@@ -7,7 +7,7 @@ from lfref.report import drawing, page
 from lfref.report.page import Section
 
 WIDTHS = (390, 1280)
-ANSWER = "On 30 scenes (ideal), refiner is 1.2 dB better than the best classical method, blockwise_wiener."
+ANSWER = "On 30 scenes (ideal), network is 1.2 dB better than the best classical method, blockwise_wiener."
 
 
 @pytest.fixture(scope="module")

@@ -110,13 +110,10 @@ def disparity_map(
 
 
 @torch.no_grad()
-def coarse_disparity(
-    grey: Tensor, known: DisparityRange | None, held: tuple[Tensor, Tensor], is_refined: bool = False
-) -> Tensor:
+def coarse_disparity(grey: Tensor, known: DisparityRange | None, held: tuple[Tensor, Tensor]) -> Tensor:
     """Disparity of the central view of grey views [V, U, H, W], around lights that of the light, [H, W].
 
-    `known` is the range of their disparities, if it is wide, and `held` the ends of those that spectra hold. A map that
-    is refined, on the processor, has less noise: pictures of `blockwise_wiener` are the same.
+    `known` is the range of their disparities, if it is wide, and `held` the ends of those that spectra hold.
     """
     height, width = grey.shape[-2:]
     scale, reduced = 1, grey
@@ -127,11 +124,7 @@ def coarse_disparity(
     low, high = estimate_range(reduced, aperture, (first, last), (held[0] / scale, held[1] / scale))
     labels = matching.even_slopes(low, high, last - first + energies.STEP / scale + 2 * BEYOND)
     views = cost_volume.details(cost_volume.grey_views(reduced, aperture), labels.slopes)
-    noise = cost_volume.noise(views, labels.slopes)
-    disparity, _ = matching.best_slopes(views, labels, noise)
-    if is_refined:
-        on_cpu = views._replace(samples=views.samples.cpu())
-        disparity = matching.refine(on_cpu, disparity.cpu(), noise.cpu(), float(low), float(high)).to(grey.device)
+    disparity, _ = matching.best_slopes(views, labels, cost_volume.noise(views, labels.slopes))
     disparity = scale * _with_lights(reduced, disparity, labels)
     return disparity.repeat_interleave(scale, 0).repeat_interleave(scale, 1).narrow(0, 0, height).narrow(1, 0, width)
 

@@ -19,6 +19,7 @@ Plenoptic Camera", 1992; the sweep over whole shifts is ours.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -70,6 +71,14 @@ SEPARATE = 1.0
 """Reduced pixels per view step from which a surface beyond the range of most others is one of its own, and no stray."""
 UNSURE = 0.03
 """Standard error in reduced pixels per view step at which the confidence is 1/2."""
+RIVAL, ENOUGH = 0.7, 0.8
+"""Unexplained variance of the best slope, of that at one apart, above which the two compete, if as many views count."""
+AMBIGUOUS = 0.03
+"""Share of the sure pixels with competing slopes from which the range is ambiguous: of repeated texture .04 to .3, of
+other scenes at most .015, in noise of .02 too."""
+CONFUSABLE = 2.5
+"""Range of disparities in pixels per view step from which layers confuse light at two disparities, e apart: detail of
+1 / e cycles per pixel, in a row or a column, looks alike at both, and pictures end at about .4 cycles per pixel."""
 FLOOR = 1e-7
 """Variance of roots of light that good views leave; rounding to 8 bits leaves about ten times that."""
 ROUNDING = 20 * FLOOR
@@ -278,6 +287,25 @@ def _swept(reduced: ReducedViews, low: float, high: float) -> CoarseDisparity:
 
 def best_fit(reduced: ReducedViews, low: float, high: float) -> SlopeFit:
     """The best fit among the slopes from `low` to `high`, in reduced pixels per view step."""
+    fits, apart = _all_fits(reduced, low, high)
+    return _best(fits, apart)
+
+
+def _best(fits: Sequence[SlopeFit], apart: float) -> SlopeFit:
+    """The best of fits, the least slopes first; slopes that differ by more than `apart` compete.
+
+    Repeated texture fits at many slopes. The least is the likeliest: one that is apart must fit much better.
+    """
+    best, *others = fits
+    for fit in others:
+        is_apart = (fit.disparity - best.disparity).abs() > apart
+        is_better = fit.unexplained < best.unexplained * torch.where(is_apart, REPEATED, 1.0)
+        best = SlopeFit(*(torch.where(is_better, new, old) for new, old in zip(fit, best, strict=True)))
+    return best
+
+
+def _all_fits(reduced: ReducedViews, low: float, high: float) -> tuple[list[SlopeFit], float]:
+    """Fits of all slopes from `low` to `high`, the least slopes first, and how far apart others than neighbours are."""
     # Slopes at which the outermost view moves by one pixel more each.
     reach = float(reduced.steps.abs().max())
     step = 1 / max(reach, 2.0)
@@ -290,15 +318,18 @@ def best_fit(reduced: ReducedViews, low: float, high: float) -> SlopeFit:
     padded = F.pad(_detail(reduced.pictures, reduced.weights)[:, None], (1, 1, 1, 1), mode="replicate")[:, 0]
     rows = padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]
     light = F.pad((rows[..., :-2] + 2 * rows[..., 1:-1] + rows[..., 2:]) / 16, (pad,) * 4) * weights
-    # Repeated texture fits at many slopes. The least is the likeliest: one that is apart must fit much better.
     slopes = slopes[slopes.abs().argsort(stable=True)]
     parts = slopes.split(max(1, 40_000 // light[0].numel()))  # many slopes of small views at once
-    best, *others = [fit for part in parts for fit in fit_slopes(light, weights, reduced.steps, part, most, pad)]
-    for fit in others:
-        is_apart = (fit.disparity - best.disparity).abs() > 3 * most
-        is_better = fit.unexplained < best.unexplained * torch.where(is_apart, REPEATED, 1.0)
-        best = SlopeFit(*(torch.where(is_better, new, old) for new, old in zip(fit, best, strict=True)))
-    return best
+    return [fit for part in parts for fit in fit_slopes(light, weights, reduced.steps, part, most, pad)], 3 * most
+
+
+def _rivalled(fits: Sequence[SlopeFit], best: SlopeFit, apart: float) -> Tensor:
+    """Where a slope apart from the best one explains the views nearly as well, bool, [h, w]."""
+    rival = torch.full_like(best.unexplained, math.inf)
+    for fit in fits:
+        competes = ((fit.disparity - best.disparity).abs() > apart) & (fit.freedom > ENOUGH * best.freedom)
+        rival = torch.where(competes, torch.minimum(rival, fit.unexplained), rival)
+    return best.unexplained + FLOOR > RIVAL * (rival + FLOOR)
 
 
 def _detail(pictures: Tensor, weights: Tensor) -> Tensor:
@@ -414,6 +445,13 @@ class DisparityRange(NamedTuple):
     """Ends between which surfaces were found for sure."""
     common: tuple[float, float]
     """Ends without the `RARE` share of the surfaces at either side."""
+    is_ambiguous: bool
+    """Whether the range is wide and repeated texture fits at several disparities."""
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether most disparities are so far apart that filters of rows and columns confuse their light."""
+        return self.common[1] - self.common[0] > CONFUSABLE
 
 
 @torch.no_grad()
@@ -429,7 +467,9 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
         return None
     smaller = reduced.smaller(max(1, min(2, min(reduced.pictures.shape[1:]) // DETAIL)))
     widest = _widest(smaller)
-    swept = _swept(smaller, -widest, widest)
+    fits, apart = _all_fits(smaller, -widest, widest)
+    best = _best(fits, apart)
+    swept = as_disparity(best, smaller.factor)
     sure = swept.confidence >= SURE
     ends = _ends(swept, sure)
     if ends is None:
@@ -444,7 +484,11 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
     )
     low, middle, high, first, last = (swept.factor * value for value in (low, middle, high, first, last))
     common = swept.disparity[sure].quantile(torch.tensor([RARE, 1 - RARE])).tolist()
-    return DisparityRange(low, middle, high, (first, last), (common[0], common[1]))
+    found = DisparityRange(low, middle, high, (first, last), (common[0], common[1]), is_ambiguous=False)
+    # In narrow ranges filters do well with wrong disparities.
+    is_far = last - first > 2 * CONFUSABLE
+    is_ambiguous = is_far and float(_rivalled(fits, best, apart)[sure].float().mean()) > AMBIGUOUS
+    return found._replace(is_ambiguous=is_ambiguous)
 
 
 @torch.no_grad()

@@ -17,7 +17,7 @@ from lfref.functional.devices import on_device
 from lfref.functional.fourier import Factors, Frame, frequencies, half_frequencies, shift_phases
 from lfref.geometry import Slopes
 from lfref.refocus import batches, footprint
-from lfref.refocus.sampling import BORDERS, CUBIC
+from lfref.refocus.sampling import CUBIC
 from lfref.refocus.shift.shifts import shifts_of
 
 
@@ -26,7 +26,7 @@ def exact_fourier(
     slopes: Slopes,
     weights: Tensor | None = None,
     fill_factor: float = 0.0,
-    disparity: float | Tensor = 0.0,
+    disparity: float = 0.0,
     positions: Tensor | None = None,
 ) -> Tensor:
     """Refocus light fields exactly, the views taken as periodic.
@@ -65,8 +65,6 @@ def exact_fourier(
         rows, columns = rows * cell.responses(planes, ky), columns * cell.responses(planes, kx)[:, None]
     views_of_lines = batches.without_unread(batch, aperture).reshape(len(batch), *cameras.shape, *batch.shape[3:])
     stack = filter_and_sum(views_of_lines, rows, columns, aperture.reshape(cameras.shape))
-    if cell.fill_factor > 0 and cell.varies:  # a constant blur is part of the spectrum
-        stack = footprint.blurred(stack, cell.widths(planes), BORDERS["wrap"])
     return batches.restored(stack, views)
 
 

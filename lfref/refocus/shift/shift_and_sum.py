@@ -27,7 +27,7 @@ def shift_and_sum(
     border: str = "renormalize",
     weights: Tensor | None = None,
     fill_factor: float = 0.0,
-    disparity: float | Tensor = 0.0,
+    disparity: float = 0.0,
     positions: Tensor | None = None,
 ) -> Tensor:
     """Refocus light fields at the given slopes.
@@ -40,8 +40,7 @@ def shift_and_sum(
         weights: Synthetic aperture, >= 0, [V, U]; None weighs all views alike.
         fill_factor: Side of the cell that each view stands for, in view steps, >= 0: 0 is the sum over points, 1 the
             integral over the aperture.
-        disparity: Of the scene, in pixels per view step: at this slope cells do not blur. A number, a map [H, W], or
-            one for each light field, [..., H, W].
+        disparity: Of the scene, in pixels per view step: at this slope cells do not blur.
         positions: (v, u) of each camera from the angular centre, in view steps, [V, U, 2]; None: the even grid.
 
     Returns:
@@ -63,12 +62,8 @@ def shift_and_sum(
     method, rule = chosen("interpolation", interpolation, INTERPOLATIONS), chosen("border", border, BORDERS)
     aperture = batches.checked_weights(weights, grid)
     shifts = shifts_of(planes, grid, method, positions)
-    widths = None if cell.varies or cell.fill_factor == 0 else cell.widths(planes).abs()
-    stack = summed(batch, shifts, widths, aperture, method, rule)
-    if widths is None and cell.fill_factor > 0:
-        covered, _ = shifts.coverage(aperture.reshape(shifts.rows.shape[1], -1), size, rule)
-        stack = footprint.blurred(stack, cell.widths(planes), rule, covered)
-    return batches.restored(stack, views)
+    widths = None if cell.fill_factor == 0 else cell.widths(planes).abs()
+    return batches.restored(summed(batch, shifts, widths, aperture, method, rule), views)
 
 
 def coverage(

@@ -60,17 +60,23 @@ def shift_and_sum_antialiased(
     grid, size = batches.grid_and_size(batch)
     planes = batches.checked_slopes(slopes, grid, size, positions)
     aperture = batches.checked_weights(weights, grid)
-    shifts = shifts_of(planes, grid, SPLINE, positions)
-    stacks = []
-    for field, own in zip(batch, scenes_of(batch, scene, weights, positions), strict=True):
-        widths, reach = cell_widths(on_device(planes, field.device), own.ends).clamp(max=min(size)), None
-        if not is_known(widths):
-            beyond = line_range.BEYOND * own.lines.factor
-            if own.known is not None:
-                beyond = max(beyond, -own.known.low, own.known.high)
-            reach = length_of(((planes.abs().amax(0) + beyond) / 2).ceil().long() + 1)
-        stacks.append(summed(field[None], shifts, widths, aperture, SPLINE, BORDERS["renormalize"], reach)[0])
-    return batches.restored(stacks, views)
+    scenes = scenes_of(batch, scene, weights, positions)
+    return batches.restored(
+        [antialiased(field, own, planes, aperture) for field, own in zip(batch, scenes, strict=True)], views
+    )
+
+
+def antialiased(field: Tensor, scene: Scene, planes: Tensor, aperture: Tensor) -> Tensor:
+    """A light field [V, U, C, H, W] refocused at planes [N] as its scene asks for, [N, C, H, W]."""
+    grid, size = batches.grid_and_size(field)
+    shifts = shifts_of(planes, grid, SPLINE, scene.positions)
+    widths, reach = cell_widths(on_device(planes, field.device), scene.ends).clamp(max=min(size)), None
+    if not is_known(widths):
+        beyond = line_range.BEYOND * scene.lines.factor
+        if scene.known is not None:
+            beyond = max(beyond, -scene.known.low, scene.known.high)
+        reach = length_of(((planes.abs().amax(0) + beyond) / 2).ceil().long() + 1)
+    return summed(field[None], shifts, widths, aperture, SPLINE, BORDERS["renormalize"], reach)[0]
 
 
 def cell_widths(planes: Tensor, disparities: Ends) -> Tensor:

@@ -109,6 +109,7 @@ def test_the_range_covers_a_scene_and_is_hardly_wider(name):
     assert high - low < 1.3 * max(last - first, 0.1)
     if name in sim30.WIDE:
         to_search = scene_range(made.views)
+        assert not to_search.is_ambiguous
         assert to_search.low < float(made.disparity.min()) < float(made.disparity.max()) < to_search.high
 
 

@@ -88,8 +88,9 @@ def test_blur_has_no_copies():
 
 def test_estimated_disparities_do_nearly_as_well_as_the_true_ones():
     views = layered(-1.0, 0.5)
-    truth = refocus_by_layers(views, SLOPES, [-1.0, 0.5], ridge=1e-6)
-    estimated, points = (refocus_by_layers(views, SLOPES, fill_factor=fill_factor) for fill_factor in (1.0, 0.0))
+    inner = (..., slice(8, -8), slice(8, -8))  # of views that are periodic
+    truth = refocus_by_layers(views, SLOPES, [-1.0, 0.5], ridge=1e-6)[inner]
+    estimated, points = (refocus_by_layers(views, SLOPES, fill_factor=each)[inner] for each in (1.0, 0.0))
     assert (estimated - truth).square().mean() < (points - truth).square().mean() / 30
 
 

@@ -24,16 +24,6 @@ def test_cells_of_all_the_aperture_are_the_integral_over_it(plane, interpolation
     assert (filled - exact_fourier(views, slopes, fill_factor=1.0)).square().mean().sqrt() < error
 
 
-def test_derivatives_by_the_disparity_are_right():
-    views = torch.rand(2, 2, 1, 4, 5, dtype=torch.float64)
-    behind = (0.3 * torch.rand(4, 5, dtype=torch.float64)).requires_grad_()
-    for border in ("renormalize", "edge"):
-        assert torch.autograd.gradcheck(
-            lambda d, border=border: shift_and_sum(views, [0.7, -1.0], border=border, fill_factor=1.0, disparity=d),
-            behind,
-        )
-
-
 def test_coverage_counts_the_weighted_views_with_a_sample():
     weights = torch.tensor([[1.0, 2.0, 1.0]])
     share = coverage([1.5], (1, 3), (4, 6), weights=weights)[0]
@@ -51,7 +41,6 @@ def test_coverage_counts_the_weighted_views_with_a_sample():
         {"interpolation": "magic"},
         {"border": "mirror"},
         {"fill_factor": -1.0},
-        {"fill_factor": 1.0, "disparity": torch.zeros(3, 3)},
         {"fill_factor": 1.0, "disparity": float("nan")},
         {"fill_factor": 30.0},
     ],
