@@ -2,8 +2,9 @@
 
 Nearly the picture of the slow methods, at twice the time of a plain sum. In planes beyond the disparities of the scene
 all is blurred, and a sum of points would show copies. There each view stands for its whole cell: its box is as wide as
-the plane is from the middle disparity, and at most twice as wide as it is from the nearest one. Planes among the disparities stay sums of points, since cells of one width would
-blur what is in focus. `Scene.ends` are these disparities.
+the plane is from the middle disparity, and at most twice as wide as it is from the nearest one. Planes among the
+disparities stay sums of points, since cells of one width would blur what is in focus. `Scene.ends` are these
+disparities.
 Letters: `s` slope in pixels per view step, `N` planes.
 """
 
@@ -24,7 +25,7 @@ from lfref.refocus.shift.shifts import shifts_of
 FADE = 0.3
 """Pixels per view step over which a sum of points gives way to one of cells: films through the planes stay smooth."""
 WIDENED = 2.0
-"""Largest width of a cell, in blurs of the nearest light: by trial on 30 path-traced and simulated scenes, 3 loses up to
+"""Largest width of a cell, in blurs of the nearest light: by trial on path-traced and simulated scenes, 3 loses up to
 7 dB where disparities are far apart, 1 loses 1 dB in the mean where views alias."""
 LEAST_BLUR = 1.0
 """Least blur of a cell that counts, in pixels: copies that are nearer than one pixel do not show."""
