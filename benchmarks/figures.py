@@ -7,8 +7,6 @@ missing stays as it is.
 import argparse
 import dataclasses
 import functools
-import importlib
-import importlib.util
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -247,8 +245,6 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "disparities": (None, disparities),
 }
 """Marker -> the file that it reads, if any, and its lines."""
-if importlib.util.find_spec("mitsuba"):
-    TABLES["mitsuba"] = None, lambda: importlib.import_module("path_tracer").table()
 
 
 def main() -> None:

@@ -74,12 +74,6 @@ def is_symmetric(weights: Tensor) -> bool:
 
 
 @on_host
-def opposites_are_equal(weights: Tensor) -> bool:
-    """Whether opposite views weigh the same."""
-    return torch.allclose(weights, weights.flip(0, 1))
-
-
-@on_host
 def unread(weights: Tensor) -> list[tuple[int, int]]:
     """Row and column of each view of weight 0."""
     return [(v, u) for v, u in (weights == 0).nonzero().tolist()]

@@ -5,6 +5,7 @@ disparities that are e apart. Where light is in focus, shifted views agree, and 
 differs from it by a small share of what views differ by, and by what interpolation is uncertain of. Out of focus the
 sum is no measure, since it has copies of edges. The views show how far light is from focus: they differ by that
 distance times the gradient of their sum.
+They are compared in grey.
 Letters: `N` planes, `C H W` channel, pixel row and column, `V U` view rows and columns.
 """
 
@@ -26,8 +27,8 @@ IN_FOCUS, BLURRED = 1.0, 1.5
 measure: copies that are nearer than one pixel do not show."""
 WINDOW = 7
 """Side of the square in pixels in which that distance is measured."""
-ALIKE = 2e-3
-"""Standard deviation up to which views agree wherever they are flat: half a level of 8 bits."""
+ALIKE = 1e-3
+"""Standard deviation up to which views agree wherever they are flat: a quarter of a level of 8 bits."""
 SHARE, INTERPOLATION = 0.02, 3.0
 """Largest difference from the sum: in standard deviations of the views, and in differences of cubic and linear
 interpolation. By trial on path-traced scenes, both versions of sim30, and `sim30.WIDE`."""
@@ -70,22 +71,24 @@ def _bounds(field: Tensor, planes: Tensor, aperture: Tensor) -> tuple[Tensor, Te
     """Share of each pixel to which bounds apply, 0 to 1, [N, 1, H, W], and least and largest values, [N, C, H, W]."""
     grid, size = batches.grid_and_size(field)
     points = shift_and_sum(field, planes, "cubic", weights=aperture)
-    mean = field.mean()
-    centred = field - mean  # squares of small numbers differ by less rounding
-    both = shift_and_sum(torch.cat([centred, centred.square()], 2), planes, "linear", weights=aperture)
-    smooth, squares = both.unflatten(1, (2, -1)).unbind(1)
+    # Grey views show how they differ; squares of small numbers differ by less rounding.
+    grey = field.mean(2, keepdim=True)
+    middle = grey.mean()
+    grey = grey - middle
+    both = shift_and_sum(torch.cat([grey, grey.square()], 2), planes, "linear", weights=aperture)
+    smooth, squares = both.split(1, 1)
     variance = (squares - smooth.square()).clamp(min=0)
-    smooth = smooth + mean
     shifts = shifts_of(on_device(planes, field.device), grid, CUBIC)
     covered, _ = shifts.coverage(on_device(aperture, field.device), size, BORDERS["renormalize"])
+    sharp = points.mean(1, keepdim=True) - middle
     down, across = _spreads(aperture)
     # Views at offset q differ by blur q times the gradient; fewer views lie closer together.
-    unit = down * gradient(points, -2).square() + across * gradient(points, -1).square()
+    unit = down * gradient(sharp, -2).square() + across * gradient(sharp, -1).square()
     unit = unit * covered[:, None].to(unit).square()
-    measured, unit = (box_mean(maps.sum(1, keepdim=True), WINDOW) for maps in (variance, unit))
+    measured, unit = (box_mean(maps, WINDOW) for maps in (variance, unit))
     blur = (measured / unit.clamp(min=ALIKE**2)).sqrt()
     share = ((BLURRED - blur) / (BLURRED - IN_FOCUS)).clamp(0, 1)
     # Where some views do not see a pixel, filters read what lies beyond their edges.
-    room = (SHARE * variance.sqrt() + INTERPOLATION * (points - smooth).abs()) * (covered[:, None] > 0.999)
-    bound = box_max(room.amax(1, keepdim=True), 3)
+    room = (SHARE * variance.sqrt() + INTERPOLATION * (sharp - smooth).abs()) * (covered[:, None] > 0.999)
+    bound = box_max(room, 3)
     return share.to(points), points - bound, points + bound

@@ -40,11 +40,6 @@ class Border(NamedTuple):
     counts_only_samples: bool = False
     """Samples beyond the edge are left out of the mean instead of replaced."""
 
-    @property
-    def is_periodic(self) -> bool:
-        """Whether the view repeats beyond its edge."""
-        return self.mode == "circular"
-
     def span(self, shift: float, length: int) -> tuple[int, int]:
         """First and one-past-last output sample that a view counts for, shifted along an axis of this length."""
         if not self.counts_only_samples:

@@ -1,20 +1,14 @@
 """Views and truth against Mitsuba 3, which traces paths through the same camera and shares no code with ours."""
 
 import functools
-import importlib
-import sys
 
 import pytest
 
 import lfref
-from tests.conftest import ROOT
 from tests.simulator.drawing import psnr
 
 pytest.importorskip("mitsuba", reason="the extra `mitsuba` is not installed, or has no wheel for this machine")
-sys.path.append(str(ROOT / "benchmarks"))
-path_tracer = importlib.import_module("path_tracer")
-SCENES, SLOPES, VIEWS = path_tracer.SCENES, path_tracer.SLOPES, path_tracer.VIEWS
-MitsubaScene, apart_from_edges = path_tracer.MitsubaScene, path_tracer.apart_from_edges
+from tests.simulator.path_tracer import SCENES, SLOPES, VIEWS, MitsubaScene, apart_from_edges
 
 # Measured: 50 dB at least, where edges cut through pixels and where Mitsuba's pictures are noisy; else 69.8.
 AT_LEAST = 47.0

@@ -24,7 +24,6 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import pages
 import torch
 from torch import Tensor
 
@@ -268,8 +267,8 @@ TWO_NOISES = 10 * math.log10(2)
 
 def table() -> Iterator[str]:
     """The least PSNR of views and truth of each scene, and of Mitsuba's pictures against others of its own."""
-    headings = ("views, dB", "apart from edges, dB", "truth, disc, dB", "truth, square, dB", "Mitsuba's noise, dB")
-    yield from pages.head("scene", *headings)
+    yield "| scene | views, dB | apart from edges, dB | truth, disc, dB | truth, square, dB | Mitsuba's noise, dB |"
+    yield "|---|---|---|---|---|---|"
     for make in SCENES:
         world = MitsubaScene(make())
         ours = lfref.simulate(make(), outputs=("views",), slopes=[0.0]).views
@@ -281,11 +280,12 @@ def table() -> Iterator[str]:
             truth = lfref.simulate(make(aperture), outputs=("truth",), slopes=SLOPES).truth
             values.append(_least(psnr, truth, theirs))
         values.append(_least(psnr, discs, others) + TWO_NOISES)
-        yield pages.row(make.__name__, *(f"{value:.1f}" for value in values))
-    yield ""
-    yield f"Views of {SIZE[1]}x{SIZE[0]} pixels, 7x7; the least of {len(VIEWS)} views, and of slopes"
-    yield f"{', '.join(f'{slope:g}' for slope in SLOPES)}. Noise is that of the truth through a disc."
+        yield " | ".join([f"| {make.__name__}", *(f"{value:.1f}" for value in values)]) + " |"
 
 
 def _least(measure: Callable[[Tensor, Tensor], Any], ours: Iterable[Tensor], theirs: Iterable[Tensor]) -> float:
     return min(float(measure(one, other)) for one, other in zip(ours, theirs, strict=True))
+
+
+if __name__ == "__main__":
+    print(*table(), sep="\n")
