@@ -1,9 +1,10 @@
 """Path-traced judges: eight scenes of Mitsuba 3, by whose views and truth methods are compared.
 
 `render` fills the cache folder picture by picture and may be stopped and started again; `checksums` compares what it
-holds with `judges.json`; `score` prints the table. World points (X, Y, FOCAL) / (d + HORIZON) are seen by the central
-view at (X, Y) pixels from its centre, X to the right and Y down, at disparity d; tests/simulator/path_tracer.py derives
-the signs. Letters: `x y` pixels, `d` disparity in pixels per view step, `p q` place on the aperture in view steps.
+holds with `judges.json`; `score` fills the table of docs/accuracy.md. World points (X, Y, FOCAL) / (d + HORIZON) are
+seen by the central view at (X, Y) pixels from its centre, X to the right and Y down, at disparity d;
+tests/simulator/path_tracer.py derives the signs. Letters: `x y` pixels, `d` disparity in pixels per view step, `p q`
+place on the aperture in view steps.
 
 Rendering needs the extra `mitsuba` and an LLVM newer than 15; `DRJIT_LIBLLVM_PATH` names its library where an older one
 is found first. Scoring needs no LLVM. `judges.json` has the seeds, the first slope and the step of the planes, the
@@ -47,6 +48,8 @@ AT_ONCE = 144
 """Samples of a pixel that are rendered together, a square number, which the sampler can stratify."""
 BORDER = 8
 """Pixels at the border that do not count."""
+NOISE = 0.02
+"""Deviation of noise that is added to views."""
 Part = dict[str, Any] | mi.Object
 Scene = dict[str, Part]
 
@@ -553,30 +556,30 @@ def score(stack: Tensor, first: Tensor, second: Tensor) -> float:
 
 
 @torch.no_grad()
-def score_table(names: list[str], sigma: float) -> Iterator[str]:
-    """Scores of the methods, a row for each scene."""
+def score_table() -> Iterator[str]:
+    """Scores of the methods on the scenes that are complete, clean and in noise."""
     yield from pages.head("scene", *METHODS)
-    rows = []
-    for name in names:
-        views, slopes, first, second = judged(name)
-        views = views + sigma * torch.randn(views.shape, generator=torch.Generator().manual_seed(0))
-        rows.append([score(method(views, slopes), first, second) for method in METHODS.values()])
-        yield pages.row(name, *(f"{value:.2f}" for value in rows[-1]))
-    yield pages.row("mean", *(f"{value:.2f}" for value in np.mean(rows, 0)))
+    names = [name for name in SCENES if all(file.is_file() for file, *_ in shots(name))]
+    for sigma, kind in ((0.0, ""), (NOISE, f", noise {NOISE:g}")):
+        rows = []
+        for name in names:
+            views, slopes, first, second = judged(name)
+            views = views + sigma * torch.randn(views.shape, generator=torch.Generator().manual_seed(0))
+            rows.append([score(method(views, slopes), first, second) for method in METHODS.values()])
+            yield pages.row(name + kind, *(f"{value:.2f}" for value in rows[-1]))
+        yield pages.row("mean" + kind, *(f"{value:.2f}" for value in np.mean(rows, 0)))
 
 
 def main() -> None:
     """Run one of the commands."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("command", choices=("render", "checksums", "score"))
-    parser.add_argument("names", nargs="*", metavar="SCENE", choices=[[], *SCENES], help="scenes; none: all")
-    parser.add_argument("--noise", type=float, default=0.0, help="deviation of noise that is added to the views")
+    parser.add_argument("names", nargs="*", metavar="SCENE", choices=[[], *SCENES], help="scenes to render; none: all")
     given = parser.parse_args()
-    names = given.names or list(SCENES)
     if given.command == "score":
-        print(*score_table(names, given.noise), sep="\n")
+        pages.fill({"judges": score_table()})
     else:
-        {"render": render, "checksums": checksums}[given.command](names)
+        {"render": render, "checksums": checksums}[given.command](given.names or list(SCENES))
 
 
 if __name__ == "__main__":
