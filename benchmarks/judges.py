@@ -32,7 +32,6 @@ from tqdm import tqdm
 import lfref
 from lfref.bench.evaluation import MEAN_CAP_DB
 from lfref.io import atomic
-from lfref.refocus.blockwise_wiener import LEAST_NOISE
 from lfref.refocus.joint_wiener import prior_of_map, refocus_jointly
 from lfref.refocus.mean_of_views import mean_of_views
 
@@ -533,7 +532,7 @@ def checksums(names: list[str]) -> None:
 def joint_wiener(views: Tensor, slopes: Tensor) -> Tensor:
     """Filters of all views together, by the disparity map that the views show."""
     scene = lfref.analyze_scene(views)
-    prior = prior_of_map(scene.disparity, scene.widest, scene.noise.clamp(min=LEAST_NOISE))
+    prior = prior_of_map(scene.disparity, scene.widest, scene.noise)
     return refocus_jointly(views, slopes, prior, torch.full((GRID, GRID), 1 / GRID**2, dtype=torch.float64))
 
 
