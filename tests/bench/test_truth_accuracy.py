@@ -14,7 +14,6 @@ from lfref.functional.psnr import psnr
 from lfref.refocus.blockwise_wiener import blockwise_wiener
 from lfref.refocus.fourier.exact import exact_fourier
 from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
-from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import OperatorRefocuser
 from lfref.simulator import painting, sim30
 from lfref.simulator.scene import Camera, Scene
@@ -67,7 +66,7 @@ def test_the_truth_is_10_db_nearer_to_brute_force_than_the_best_method(index):
     def decibels(picture: torch.Tensor) -> float:
         return float(psnr(inside(picture, scene, slope), expected))
 
-    methods = [*(OperatorRefocuser(operator.__name__, operator) for operator in OPERATORS), load()]
+    methods = [OperatorRefocuser(operator.__name__, operator) for operator in OPERATORS]
     with torch.no_grad():
         best = max(decibels(case.stack(method, torch.tensor([slope]).double())[0]) for method in methods)
     wanted = min(best + 10, CAP_DB)
