@@ -48,12 +48,12 @@ def box_max(images: Tensor, window: int) -> Tensor:
     return images
 
 
-def _add(sums: Tensor, images: Tensor, apart: int, axis: int, share: float = 1.0) -> None:
+def _add(sums: Tensor, images: Tensor, apart: int, axis: int) -> None:
     """Add to each pixel, in place, its two neighbours at a distance of `apart` along an axis, where they exist."""
     length = images.shape[axis] - apart
     if length > 0:
-        sums.narrow(axis, apart, length).add_(images.narrow(axis, 0, length), alpha=share)
-        sums.narrow(axis, 0, length).add_(images.narrow(axis, apart, length), alpha=share)
+        sums.narrow(axis, apart, length).add_(images.narrow(axis, 0, length))
+        sums.narrow(axis, 0, length).add_(images.narrow(axis, apart, length))
 
 
 def gradient(images: Tensor, axis: int) -> Tensor:

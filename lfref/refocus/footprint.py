@@ -7,9 +7,9 @@ each frequency counting by the power 1 / k^2 of a natural picture. For all width
 over k <= 0.4, to 0.009 over k <= 0.3. (A box over cubic interpolation, with as many taps, is off by 0.12 and 0.09.)
 
 `box_planes` blurs finished planes on the CPU by compiled loops, `boxed` by PyTorch. Beyond its edge a plane continues
-by the border rule. Where only samples count it is black there, and so is its coverage: the blurred sum
-over the blurred coverage is the mean of what there is. Every sample under a box has a tap: a running sum would drift,
-and would save little at the widths that slopes lead to.
+by the border rule. Where only samples count it is black there, and so is its coverage: the blurred sum over the
+blurred coverage is the mean of what there is. Every sample under a box has a tap: a running sum would drift, and would
+save little at the widths that slopes lead to.
 Letters: `s` slope and `d` disparity in pixels per view step, `w` width in samples, `k` frequency in cycles per sample
 (in loops, tap), `n` sample counted from the middle, `y x` row and column, `G` groups of `TAPS` taps.
 Sources: Isaksen et al., "Dynamically reparameterized light fields", 2000; Stewart et al., "A new reconstruction filter

@@ -72,7 +72,8 @@ SEPARATE = 1.0
 UNSURE = 0.03
 """Standard error in reduced pixels per view step at which the confidence is 1/2."""
 RIVAL, ENOUGH = 0.7, 0.8
-"""Unexplained variance of the best slope, of that at one apart, above which the two compete, if as many views count."""
+"""Two slopes compete if the unexplained variance of the better one is at least this share of the other's, and the other
+one is measured by nearly as many views."""
 AMBIGUOUS = 0.03
 """Share of the sure pixels with competing slopes from which the range is ambiguous: of repeated texture .04 to .3, of
 other scenes at most .015, in noise of .02 too."""
@@ -292,9 +293,10 @@ def best_fit(reduced: ReducedViews, low: float, high: float) -> SlopeFit:
 
 
 def _best(fits: Sequence[SlopeFit], apart: float) -> SlopeFit:
-    """The best of fits, the least slopes first; slopes that differ by more than `apart` compete.
+    """The best of fits, of which those of the least slopes come first.
 
-    Repeated texture fits at many slopes. The least is the likeliest: one that is apart must fit much better.
+    Repeated texture fits at many slopes. The least is the likeliest: one that differs by more than `apart` must be a
+    much better fit.
     """
     best, *others = fits
     for fit in others:
@@ -305,7 +307,7 @@ def _best(fits: Sequence[SlopeFit], apart: float) -> SlopeFit:
 
 
 def _all_fits(reduced: ReducedViews, low: float, high: float) -> tuple[list[SlopeFit], float]:
-    """Fits of all slopes from `low` to `high`, the least slopes first, and how far apart others than neighbours are."""
+    """Fits of all slopes from `low` to `high`, the least first, and the distance up to which slopes are neighbours."""
     # Slopes at which the outermost view moves by one pixel more each.
     reach = float(reduced.steps.abs().max())
     step = 1 / max(reach, 2.0)
@@ -323,7 +325,7 @@ def _all_fits(reduced: ReducedViews, low: float, high: float) -> tuple[list[Slop
     return [fit for part in parts for fit in fit_slopes(light, weights, reduced.steps, part, most, pad)], 3 * most
 
 
-def _rivalled(fits: Sequence[SlopeFit], best: SlopeFit, apart: float) -> Tensor:
+def _has_rival(fits: Sequence[SlopeFit], best: SlopeFit, apart: float) -> Tensor:
     """Where a slope apart from the best one explains the views nearly as well, bool, [h, w]."""
     rival = torch.full_like(best.unexplained, math.inf)
     for fit in fits:
@@ -487,7 +489,7 @@ def scene_range(views: Tensor, weights: Tensor | None = None, positions: Tensor 
     found = DisparityRange(low, middle, high, (first, last), (common[0], common[1]), is_ambiguous=False)
     # In narrow ranges filters do well with wrong disparities.
     is_far = last - first > 2 * CONFUSABLE
-    is_ambiguous = is_far and float(_rivalled(fits, best, apart)[sure].float().mean()) > AMBIGUOUS
+    is_ambiguous = is_far and float(_has_rival(fits, best, apart)[sure].float().mean()) > AMBIGUOUS
     return found._replace(is_ambiguous=is_ambiguous)
 
 

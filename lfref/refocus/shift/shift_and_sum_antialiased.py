@@ -71,7 +71,7 @@ def shift_and_sum_antialiased(
 
 
 def antialiased(field: Tensor, scene: Scene, planes: Tensor, aperture: Tensor) -> Tensor:
-    """A light field [V, U, C, H, W] refocused at planes [N] as its scene asks for, [N, C, H, W]."""
+    """A light field [V, U, C, H, W] refocused at planes [N] through the cells that its scene needs, [N, C, H, W]."""
     grid, size = batches.grid_and_size(field)
     shifts = shifts_of(planes, grid, SPLINE, scene.positions)
     widths, reach = cell_widths(on_device(planes, field.device), scene.ends).clamp(max=min(size)), None
