@@ -5,7 +5,7 @@ disparities that are e apart. Where light is in focus, shifted views agree, and 
 differs from it by a small share of what views differ by, and by what interpolation is uncertain of. Out of focus the
 sum is no measure, since it has copies of edges. The views show how far light is from focus: they differ by that
 distance times the gradient of their sum.
-They are compared in grey.
+They are compared in grey, of 5x5 and more views every other one.
 Letters: `N` planes, `C H W` channel, pixel row and column, `V U` view rows and columns.
 """
 
@@ -61,34 +61,63 @@ def _bounded(stack: Tensor, scene: Scene, planes: Tensor, aperture: Tensor, is_n
 
 
 @on_host
-def _spreads(aperture: Tensor) -> tuple[float, float]:
-    """Variances of the views' offsets along both axes, in square view steps, by their weights [V, U]."""
-    v, u = (geometry.angular_offsets(n_views) for n_views in aperture.shape)
-    return float(aperture.sum(1) @ v.square()), float(aperture.sum(0) @ u.square())
+def _compared(aperture: Tensor) -> tuple[int, Tensor, list[float]]:
+    """Every how many views are compared, their weights [V, U], and the variances of their offsets in square view steps.
+
+    The outermost views of both axes are among them.
+    """
+    step = 2 if all(n_views % 2 and n_views >= 5 for n_views in aperture.shape) else 1
+    weights = aperture[::step, ::step]
+    if step > 1 and float(weights.sum()) == 0:
+        step, weights = 1, aperture
+    weights = weights / weights.sum()
+    v, u = (step * geometry.angular_offsets(n_views) for n_views in weights.shape)
+    return step, weights, [float(weights.sum(1) @ v.square()), float(weights.sum(0) @ u.square())]
+
+
+def _blurs(planes: Tensor, aperture: Tensor) -> list[Tensor]:
+    """Blur of linear interpolation down and across, [N, 1, 1, 1]: f (1 - f) / 2 of a view that moves by a fraction f,
+    times the second derivative."""
+    blurs = []
+    for axis, n_views in enumerate(aperture.shape):
+        fraction = planes.double()[:, None] * on_device(geometry.angular_offsets(n_views), planes.device) % 1
+        weights = on_device(aperture.sum(1 - axis), planes.device, torch.float64)
+        blurs.append((fraction * (1 - fraction) / 2 @ weights)[:, None, None, None])
+    return blurs
+
+
+def _bend(images: Tensor, axis: int) -> Tensor:
+    """Second differences along an axis; beyond the border pixels repeat."""
+    length = images.shape[axis]
+    padded = torch.cat([images.narrow(axis, 0, 1), images, images.narrow(axis, length - 1, 1)], axis)
+    return padded.narrow(axis, 2, length) - 2 * images + padded.narrow(axis, 0, length)
 
 
 def _bounds(field: Tensor, planes: Tensor, aperture: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Share of each pixel to which bounds apply, 0 to 1, [N, 1, H, W], and least and largest values, [N, C, H, W]."""
     grid, size = batches.grid_and_size(field)
     points = shift_and_sum(field, planes, "cubic", weights=aperture)
+    step, weights, (down, across) = _compared(aperture)
     # Grey views show how they differ; squares of small numbers differ by less rounding.
-    grey = field.mean(2, keepdim=True)
+    grey = field[::step, ::step].mean(2, keepdim=True)
     middle = grey.mean()
     grey = grey - middle
-    both = shift_and_sum(torch.cat([grey, grey.square()], 2), planes, "linear", weights=aperture)
+    both = shift_and_sum(torch.cat([grey, grey.square()], 2), step * planes, "linear", weights=weights)
     smooth, squares = both.split(1, 1)
     variance = (squares - smooth.square()).clamp(min=0)
-    shifts = shifts_of(on_device(planes, field.device), grid, CUBIC)
+    on_field = on_device(planes, field.device)
+    shifts = shifts_of(on_field, grid, CUBIC)
     covered, _ = shifts.coverage(on_device(aperture, field.device), size, BORDERS["renormalize"])
     sharp = points.mean(1, keepdim=True) - middle
-    down, across = _spreads(aperture)
     # Views at offset q differ by blur q times the gradient; fewer views lie closer together.
     unit = down * gradient(sharp, -2).square() + across * gradient(sharp, -1).square()
     unit = unit * covered[:, None].to(unit).square()
     measured, unit = (box_mean(maps, WINDOW) for maps in (variance, unit))
     blur = (measured / unit.clamp(min=ALIKE**2)).sqrt()
     share = ((BLURRED - blur) / (BLURRED - IN_FOCUS)).clamp(0, 1)
+    by_rows, by_columns = (blur.to(sharp) for blur in _blurs(on_field, aperture))
+    uncertain = (by_rows * _bend(sharp, -2) + by_columns * _bend(sharp, -1)).abs()
     # Where some views do not see a pixel, filters read what lies beyond their edges.
-    room = (SHARE * variance.sqrt() + INTERPOLATION * (sharp - smooth).abs()) * (covered[:, None] > 0.999)
+    room = (SHARE * variance.sqrt() + INTERPOLATION * uncertain) * (covered[:, None] > 0.999)
     bound = box_max(room, 3)
     return share.to(points), points - bound, points + bound

@@ -27,6 +27,9 @@ log = logging.getLogger(__name__)
 
 N_LAYERS = 12
 """Number of disparities whose energies are estimated, at least."""
+OUTLIERS = 0.1
+"""Share of the light beyond either of `Scene.ends`: by trial on path-traced scenes, 0 loses .4 dB in the mean of
+`shift_and_sum_antialiased`, .2 blurs text in focus by 1.8 dB."""
 SPARE = STEP + 4 * BEYOND
 """Pixels per view step by which matching may widen the disparities that are tried, at both ends together."""
 
@@ -68,10 +71,10 @@ class Scene:
     @functools.cached_property
     @torch.no_grad()
     def ends(self) -> Ends:
-        """Ends of the disparities, by the spectra of a row and a column of views, and their mean."""
+        """Ends of the disparities of most light, by the spectra of a row and a column of views, and their mean."""
         places, offsets, even = line_range.cross(batches.grid_and_size(self.views)[0], self.aperture, self.positions)
         grey = torch.stack([batches.radiance(self.views[place]).mean(0) for place in places])
-        low, high = range_of_cameras(grey, offsets, even, self.known)
+        low, high = range_of_cameras(grey, offsets, even, self.known, OUTLIERS)
         middle = line_range.middle_of(self.lines, self.known)
         return Ends(low, torch.maximum(torch.minimum(middle, high), low), high)
 

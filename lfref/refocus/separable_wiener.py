@@ -115,13 +115,14 @@ def refocus_by_rows_and_columns(
     stacks = []
     for term in products(aperture):
         taps: list[Tensor] = []
-        for weights, reach in zip(term, reaches, strict=True):
+        on_field = [on_device(weights, field.device) for weights in term]
+        for own, other, reach in zip(on_field, reversed(on_field), reaches, strict=True):
             if taps and same_axes(term):
                 taps.append(taps[0])
                 continue
-            own = on_device(weights, field.device)
             table = axis_filters.tables(spectrum, prior.disparities, slopes, own, 2 * reach)
-            filters = axis_filters.filters(spectrum, table, slopes, prior.shares[None], mean[None])[0]
+            beside = axis_filters.noise_beside(prior.disparities, prior.shares, slopes, other, 2 * reach)
+            filters = axis_filters.filters(spectrum, table, slopes, prior.shares[None], mean[None], beside)[0]
             taps.append(axis_filters.kernels(filters, torch.zeros_like(own), 2 * reach))
         rows, columns = (
             fourier.transformed(own, period, is_half)

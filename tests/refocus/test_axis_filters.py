@@ -14,11 +14,11 @@ SHARES = torch.tensor([0.2, 0.3, 0.5], dtype=torch.float64)
 PERIOD = 32
 
 
-def designed(n_views):
+def designed(n_views, beside=None):
     """Filters [N, K, I] of one prior."""
     weights = torch.full((n_views,), 1 / n_views, dtype=torch.float64)
     table = axis_filters.tables(SPECTRUM, DISPARITIES, SLOPES, weights, PERIOD)
-    return axis_filters.filters(SPECTRUM, table, SLOPES, SHARES[None], (SHARES @ DISPARITIES)[None])[0]
+    return axis_filters.filters(SPECTRUM, table, SLOPES, SHARES[None], (SHARES @ DISPARITIES)[None], beside)[0]
 
 
 def complex_factors(filters):
@@ -29,7 +29,7 @@ def complex_factors(filters):
     return torch.cat([one_side.conj().flip(-1), central + 0j, one_side], -1)
 
 
-def brute_force(n_views, k, slope):
+def brute_force(n_views, k, slope, beside=1.0):
     """g of the module's equations at one frequency, complex, [I]."""
     offsets = geometry.angular_offsets(n_views)
     covariance, right = torch.zeros(n_views, n_views, dtype=torch.complex128), torch.zeros(n_views) + 0j
@@ -43,7 +43,8 @@ def brute_force(n_views, k, slope):
             lens = (torch.cos(2 * torch.pi * (slope - d) * q * offsets).mean()) * torch.sinc((slope - d) * q)
             covariance += share * power * torch.outer(seen, seen.conj())
             right = right + share * power * lens * seen
-    noise = SPECTRUM.unexplained * power_of_all + SPECTRUM.noise * SPECTRUM.mean_power / n_views
+    white = SPECTRUM.noise * axis_filters.NOISE_GAIN * SPECTRUM.mean_power / n_views
+    noise = SPECTRUM.unexplained * power_of_all + white * beside
     covariance += noise * torch.eye(n_views)
     cell = torch.sinc(torch.tensor((slope - mean) * k))
     right = right + SPECTRUM.unexplained * power_of_all * cell / n_views * torch.exp(
@@ -54,12 +55,28 @@ def brute_force(n_views, k, slope):
 
 
 @pytest.mark.parametrize("n_views", [1, 2, 3, 4, 7])
-def test_filters_are_those_of_complex_least_squares(n_views):
-    found = complex_factors(designed(n_views))
+@pytest.mark.parametrize("is_blurred", [False, True])
+def test_filters_are_those_of_complex_least_squares(n_views, is_blurred):
+    # Noise of any share of each plane and frequency.
+    beside = torch.linspace(0.1, 1, 3 * 17, dtype=torch.float64).reshape(3, 17) if is_blurred else None
+    found = complex_factors(designed(n_views, beside))
     for number, slope in enumerate(SLOPES.tolist()):
         for j in (1, 5, 12):
-            expected = brute_force(n_views, j / PERIOD, slope)
+            share = float(beside[number, j]) if is_blurred else 1.0
+            expected = brute_force(n_views, j / PERIOD, slope, share)
             torch.testing.assert_close(found[number, j], expected, atol=1e-9, rtol=1e-7)
+
+
+def test_a_lens_lets_less_noise_than_light_pass_where_it_blurs():
+    weights = torch.full((5,), 0.2, dtype=torch.float64)
+    found = axis_filters.noise_beside(DISPARITIES[2:], torch.ones(1).double(), torch.tensor([0.35, 1.35]), weights, 8)
+    torch.testing.assert_close(found[0], torch.ones(5, dtype=torch.float64))
+    # A box of 5 pixels at frequency 1/4: integrals of sin(5 pi y) / (5 sin(pi y)) times that of a cell, written out.
+    y = (torch.arange(200_000, dtype=torch.float64) + 0.5) / 400_000
+    lens = (torch.sin(5 * torch.pi * y) / (5 * torch.sin(torch.pi * y)) * torch.sinc(y)).square()
+    power = (1 + (0.25**2 + y**2) / 0.01**2) ** -1.25 * torch.sinc(y) ** 2
+    expected = lens.mean() / ((power * lens).sum() / power.sum())
+    torch.testing.assert_close(found[1, 2], expected, rtol=1e-4, atol=0)
 
 
 @pytest.mark.parametrize(("n_views", "centres"), [(3, [-4, 0, 4]), (4, [-2, -1, 1, 2])])

@@ -22,7 +22,7 @@ MOST_OPERATIONS = {
     "shift_and_sum": 200,
     "shift_and_sum_antialiased": 1400,
     "exact_fourier": 120,
-    "separable_wiener": 1700,
+    "separable_wiener": 1750,
     "blockwise_wiener": 4300,
     "refocus_by_layers": 1500,
 }

@@ -36,7 +36,7 @@ STEP = 0.25
 """Distance of the layers that are tried, in pixels per view step."""
 LEAST_SHARE = 0.01
 """Share of the energy that layers beyond the scene's range get from noise and occlusion: less does not count."""
-OVER_NOISE = 3
+OVER_NOISE = 2
 """Nor do shares below so many times the lower quartile of all: noise falls on all layers alike."""
 N_STEPS = 8
 """Steps of the expectation maximisation."""
@@ -110,10 +110,13 @@ def energy_range(grey: Tensor, aperture: Tensor, known: DisparityRange | None) -
 
 
 def range_of_cameras(
-    grey: Tensor, offsets: Tensor, weights: Tensor, known: DisparityRange | None
+    grey: Tensor, offsets: Tensor, weights: Tensor, known: DisparityRange | None, tail: float = 0.0
 ) -> tuple[Tensor, Tensor]:
-    """`energy_range` of views [M, H, W] from cameras at offsets (v, u) in view steps, [M, 2]; weights [M] of sum 1."""
-    return _held(_sampled(grey, offsets, weights), grey, offsets, known)
+    """`energy_range` of views [M, H, W] from cameras at offsets (v, u) in view steps, [M, 2]; weights [M] of sum 1.
+
+    A share `tail` of the light is left out at either end.
+    """
+    return _held(_sampled(grey, offsets, weights), grey, offsets, known, tail)
 
 
 @on_host
@@ -165,7 +168,9 @@ def _sampled(grey: Tensor, offsets: Tensor, weights: Tensor) -> _Sample:
     )
 
 
-def _held(sample: _Sample, grey: Tensor, offsets: Tensor, known: DisparityRange | None) -> tuple[Tensor, Tensor]:
+def _held(
+    sample: _Sample, grey: Tensor, offsets: Tensor, known: DisparityRange | None, tail: float = 0.0
+) -> tuple[Tensor, Tensor]:
     """Ends of the layers that hold light, of a grid of layers as far as the scene reaches and the views can shift."""
     low, high = farthest(known)
     sides = [number(length, grey) / span - STEP for span, length in zip(_spans(offsets), grey.shape[1:], strict=True)]
@@ -178,8 +183,10 @@ def _held(sample: _Sample, grey: Tensor, offsets: Tensor, known: DisparityRange 
     shares = _maximised(sample, tried, is_tried).shares
     least = (OVER_NOISE * quantile(shares, is_tried, 0.25)).clamp(min=LEAST_SHARE)
     is_held = is_tried & (shares >= torch.minimum(least, shares.amax(0)))
-    first = torch.where(is_held, tried, BEYOND).amin(0)
-    last = torch.where(is_held, tried, -BEYOND).amax(0)
+    held = torch.where(is_held, shares, 0.0)
+    below, above = held.cumsum(0), held.flip(0).cumsum(0).flip(0)
+    first = torch.where(is_held & (below >= tail * held.sum()), tried, BEYOND).amin(0)
+    last = torch.where(is_held & (above >= tail * held.sum()), tried, -BEYOND).amax(0)
     if known is not None:
         # Spectra miss surfaces that fill little of the picture, which the sweep over small views has found.
         first, last = first.clamp(max=known.sure[0]), last.clamp(min=known.sure[1])
