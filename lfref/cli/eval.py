@@ -1,5 +1,6 @@
 """`lfref eval`: evaluate checkpoints and operators plane by plane, and draw the paper's two figures."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -30,9 +31,11 @@ PLANES = "planes.csv"
 def evaluate(config: DictConfig, folder: Path) -> None:
     """Write `planes.csv`, `summary.csv`, `machine.json`, two plots, a comparison per light field, and to loggers."""
     device = device_of(config.device)
-    planes = fixed_planes(config)
-    references: dict[str, OperatorLabels] = steps.parts_of(config.references)
     methods = steps.compared_methods(config, device)
+    planes = fixed_planes(config, methods)
+    references: dict[str, OperatorLabels] = {
+        name: dataclasses.replace(labels, planes=planes) for name, labels in steps.parts_of(config.references).items()
+    }
     for method in methods:
         method.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
     fields = steps.find_fields(config)

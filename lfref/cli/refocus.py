@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import torch
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from lfref import extras
@@ -65,7 +64,6 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
 def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:
     """The method or trained network with its planes; a network has its own unless the command line names others."""
-    planes: Planes = configs.build(config.planes)
     aperture = configs.build(config.aperture)
     given = (
         configs.build(config.method).to(device) if config.checkpoint is None else steps.checkpoints(config, device)[0]
@@ -74,8 +72,7 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     if refocuser is given and getattr(aperture, "func", aperture) is not apertures.full:
         expected, remedy = f"{given.name} weighs the views by itself", "leave aperture out, or choose another method"
         raise InputError(expected, got="an aperture", remedy=remedy)
-    are_named = any(override.startswith("planes") for override in HydraConfig.get().overrides.task)
-    planes = planes if refocuser.planes is None or are_named else refocuser.planes
+    planes = steps.planes_for(config, [refocuser])
     if isinstance(planes, FocalPlanes):
         refocuser.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done
     return refocuser, planes

@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
+from hydra.core.hydra_config import HydraConfig
 from hydra.utils import get_class
 from omegaconf import DictConfig
 from torch import Tensor
 
+from lfref.captures import view_path
 from lfref.captures.correct import NONE, Corrections, correct
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
@@ -96,14 +98,18 @@ def checked_truth(truth: tuple[Tensor, FocalPlanes], field: LightField, planes: 
     return stack
 
 
-def read_field(path: Path, config: DictConfig, refocusers: Iterable[Refocuser] = ()) -> LightField:
-    """Read a light field by `config.reader`; without `reader.angular_size` a network determines the number of views."""
+def read_field(path: Path, config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> LightField:
+    """Read a light field by `config.reader`; what it leaves open, views and encoding, a network determines."""
     options = configs.plain(config.reader)
     if options["angular_size"] is None:
         options["angular_size"] = next((refocuser.grid for refocuser in refocusers if refocuser.grid is not None), None)
+    if options["encoding"] == "file" and any(refocuser.is_linear is False for refocuser in refocusers):
+        options["encoding"] = "none"
     field = reader.read(path, **options)
     if missing := field.metadata.get("missing"):
         log.info("%s: %s are missing and have weight 0", field.name, missing)
+    if advice := view_path.advice(field):
+        log.warning("%s: %s", field.name, advice)
     return field
 
 
@@ -186,9 +192,19 @@ def compared_methods(config: DictConfig, device: torch.device) -> list[Refocuser
     return methods
 
 
-def fixed_planes(config: DictConfig) -> FocalPlanes:
-    """The configured planes, the same for all light fields."""
+def planes_for(config: DictConfig, refocusers: Sequence[Refocuser]) -> Planes:
+    """The configured planes; a network has its own unless the command line names others."""
+    if not any(override.startswith("planes") for override in HydraConfig.get().overrides.task):
+        for own in (refocuser.planes for refocuser in refocusers):
+            if own is not None:
+                return own
     planes: Planes = configs.build(config.planes)
+    return planes
+
+
+def fixed_planes(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> FocalPlanes:
+    """As `planes_for`, the same for all light fields."""
+    planes = planes_for(config, refocusers)
     if isinstance(planes, AutoPlanes):
         expected = "planes of this command must be the same for all light fields"
         raise InputError(expected, got="planes=auto", remedy="planes=paper, or slopes=[-1,0,1]")
@@ -200,7 +216,7 @@ def planes_of(planes: Planes, field: LightField) -> FocalPlanes:
     return planes.of(field) if isinstance(planes, AutoPlanes) else planes
 
 
-def flat_field_of(config: DictConfig, refocusers: Iterable[Refocuser] = ()) -> LightField | None:
+def flat_field_of(config: DictConfig, refocusers: Sequence[Refocuser] = ()) -> LightField | None:
     """The flat field that the configuration names, read like the inputs; None if it names none."""
     return None if config.flat_field is None else read_field(Path(config.flat_field), config, refocusers)
 

@@ -143,9 +143,9 @@ def decode_array(path: Path, options: ReadOptions) -> Samples:
         samples.check_memory(5 * math.prod(array.shape), str(path))
         stored = array.load()
     views = arranged(stored, axes, options.grid, path)
-    chosen = _radiances(views[options.window(views.shape[:2], path)], path)
+    chosen = _radiances(views[options.window(views.shape[:2], path)], options, path)
     colours, weight = samples.split_weight(chosen, axis=2)
-    return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(chosen)))
+    return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(views)))
 
 
 def _chosen(arrays: list[StoredArray], name: str | None, path: Path) -> StoredArray:
@@ -199,13 +199,16 @@ def arranged(stored: NDArray, axes: str, shape: tuple[int, int] | None, path: Pa
     return stored.transpose([axes.index(letter) for letter in "vuchw"])
 
 
-def _radiances(views: NDArray, path: Path) -> NDArray:
-    """Samples as uint8, uint16 or float32; floats that are not finite, or clearly hold 8 or 16 bits, are refused."""
+def _radiances(views: NDArray, options: ReadOptions, path: Path) -> NDArray:
+    """Samples as uint8, uint16 or float32; floats that are not finite are refused, and numbers of unknown white."""
     kind = views.dtype.newbyteorder("=")
     if kind in (np.uint8, np.uint16):
         return np.asarray(views).astype(kind)
-    if views.dtype.kind != "f" or (views.max() > 1 and not np.any(views % 1)):
-        raise FileError(f"{path} must hold uint8, uint16 or floats in [0, 1]", got=views.dtype, remedy="convert it")
+    is_whole = kind.kind in "iu" or (kind.kind == "f" and views.max() > 1 and not np.any(views % 1))
+    if kind.kind not in "iuf" or (is_whole and options.value_range is None):
+        expected, got = f"{path} must hold uint8, uint16 or floats in [0, 1]", views.dtype
+        remedy = "set reader.value_range=[{:g},{:g}]".format(*samples.likely_range(views)) if is_whole else "convert it"
+        raise FileError(expected, got=got, remedy=remedy)
     light = views.astype(np.float32)
     images.check_finite(light, path)
     return light

@@ -12,6 +12,7 @@ Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns
 """
 
 import logging
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from lfref import encoding as encodings
 from lfref.errors import FileError, InputError
 from lfref.functional import neighbours
-from lfref.io import images, lenslet_lattice
+from lfref.io import images, lenslet_lattice, sheets
 from lfref.io.lenslet_lattice import FEWEST_LENSLETS, Lattice
 from lfref.io.samples import LENSLET, ReadOptions, Samples, split_weight
 
@@ -45,21 +46,24 @@ BORDER = 1.4
 """Least difference of pixels across the borders of aligned lenslets, over that of others: captures have 2 to 10."""
 STRIPS, THICKNESS, STRIP_LENGTH = 12, 6, 4096
 """Number of strips of an image along each axis, width of a strip, and its largest length, in pixels."""
+BLOCK = 8
+"""Side of JPEG's blocks in pixels, whose borders show as those of lenslets do."""
 SHORTEST_PITCH, LONGEST_PITCH = 3, 64
 """Range of the pitches of aligned lenslets that are measured, in pixels."""
 
 
 def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
     """The chosen views, in the file's own type if lenslets are aligned, else float32."""
-    image = images.read_image(path)
-    if images.format_of_head(images.read_head(path)) == "jpeg":
+    image, is_jpeg = images.read_image(path), images.format_of_head(images.read_head(path)) == "jpeg"
+    if is_jpeg:
         log.warning("%s: the losses of JPEG mix neighbouring views; read a lossless file if there is one", path)
     # Without a description they are aligned with the pixels, or the image shows them.
     if {options.pitch, options.offset, options.rotation, options.lattice, options.calibration} != {None}:
         return _resampled_views(path, image, options)
     grey = _grey(image)
     steps = [along for axis in (0, 1) if (along := steps_along(grey, axis)) is not None]
-    has_borders = any(borders(along, options.lenslet) >= BORDER for along in steps)
+    pitches = [n for n in range(SHORTEST_PITCH, LONGEST_PITCH + 1) if not is_jpeg or (n % BLOCK and BLOCK % n)]
+    has_borders = options.lenslet in pitches and any(borders(along, options.lenslet) >= BORDER for along in steps)
     lattice = None if has_borders else _shown_lattice(grey)
     shown = None
     if lattice is not None and not lattice.is_hexagonal:
@@ -68,9 +72,10 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
         drift = np.abs([lattice.rows, lattice.columns] - np.diag(whole)) * (np.array(image.shape[:2]) / whole)[:, None]
         shown = round(lattice.pitch[1]) if bool((drift < 1).all()) else None
     if lattice is None or shown is not None or options.lenslet != LENSLET:
-        pitch = options.lenslet if has_borders or not steps else shown or aligned_pitch(steps)
+        pitch = options.lenslet if has_borders or not steps else shown or aligned_pitch(steps, pitches)
         _check_aligned(grey, options.lenslet, path, pitch)
-        keep = options.window((options.lenslet,) * 2, path, options.angular_size or (DEFAULT_VIEWS, DEFAULT_VIEWS))
+        most = options.angular_size or (min(DEFAULT_VIEWS, options.lenslet),) * 2
+        keep = options.window((options.lenslet,) * 2, path, most)
         colours, weight = split_weight(unpack(image, options.lenslet)[keep], axis=2)
         return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(image)))
     option = f"reader.lattice={lattice.name} reader.pitch=[{lattice.pitch[0]:.3f},{lattice.pitch[1]:.3f}]"
@@ -97,6 +102,8 @@ def _check_aligned(grey: NDArray, lenslet: int, path: Path, pitch: int | None) -
         got = f"{grey.shape[0]}x{grey.shape[1]} pixels"
     elif lenslet < SHORTEST_PITCH or not np.ptp(grey):
         return
+    elif pitch != lenslet and (grid := sheets.likely_grid(grey)) is not None:
+        got, remedy = "views side by side", f"set reader.grid=[{grid[0]},{grid[1]}]"
     elif pitch not in (None, lenslet) and size >= FEWEST_LENSLETS * pitch:
         got, remedy = f"lenslets of {pitch}", f"set reader.lenslet={pitch}"
     elif size < FEWEST_LENSLETS * lenslet:
@@ -185,10 +192,10 @@ def borders(steps: NDArray, pitch: int) -> float:
     return 1.0 if finer or coarser else ratio(is_border, ~is_border)
 
 
-def aligned_pitch(along: list[NDArray]) -> int | None:
-    """The pitch of aligned lenslets that the steps along both axes show; None if they show none."""
-    longest = min(LONGEST_PITCH, *(len(steps) // 2 for steps in along))
-    scores = {n: min(borders(steps, n) for steps in along) for n in range(SHORTEST_PITCH, longest + 1)}
+def aligned_pitch(along: list[NDArray], pitches: Iterable[int]) -> int | None:
+    """The one of some pitches of aligned lenslets that the steps along both axes show; None if they show none."""
+    longest = min(len(steps) // 2 for steps in along)
+    scores = {n: min(borders(steps, n) for steps in along) for n in pitches if n <= longest}
     best = max(scores, key=lambda n: scores[n], default=None)
     return best if best is not None and scores[best] >= BORDER else None
 

@@ -9,6 +9,7 @@ Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `
 
 import configparser
 import csv
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -22,9 +23,11 @@ from torch import Tensor
 
 from lfref.errors import FileError, InputError, first_line
 from lfref.geometry import FocalPlanes
-from lfref.io import arrays, atomic, exr, images, lenslets, lytro, lytro_files, video, view_folders
-from lfref.io.samples import LENSLET, ReadOptions, Samples
+from lfref.io import arrays, atomic, exr, images, lenslets, lytro, lytro_files, sheets, video, view_folders
+from lfref.io.samples import LENSLET, ReadOptions, Samples, likely_range
 from lfref.lightfield import LightField
+
+log = logging.getLogger(__name__)
 
 VERSION = 1
 """Version of all that `read` returns, a part of cache keys; raise it when samples change."""
@@ -53,6 +56,8 @@ LYTRO_RECORD: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "date": lambda frame: str(frame["devices"]["clock"]["zuluTime"]),
 }
 """Key of the metadata -> its text from the record of a Lytro frame."""
+BRIGHT, NEGATIVE = 0.5, 0.05
+"""Shares of samples above 1 and below 0 from which floats are hardly light."""
 EVEN = 1e-6
 """Largest distance from the even grid, in view steps, that counts as rounding."""
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}
@@ -71,12 +76,18 @@ class Format(NamedTuple):
     """Whether a file or folder with such a suffix is a light field."""
 
 
+def _decode_picture(path: Path, options: ReadOptions) -> Samples:
+    """The chosen views of a picture: side by side, or behind lenslets."""
+    decode = lenslets.decode_lenslets if sheets.grid_of(path, options) is None else sheets.decode_sheet
+    return decode(path, options)
+
+
 _LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp", "jpeg")]
 LENSLETS = Format(
     "eslf",
     tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
     tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
-    lenslets.decode_lenslets,
+    _decode_picture,
 )
 EXR = Format("exr", *images.FORMATS["exr"], exr.decode_views, exr.holds_views)
 ARRAY = Format("array", tuple(arrays.OPENERS), arrays.SUFFIXES, arrays.decode_array, arrays.holds_views)
@@ -146,6 +157,7 @@ def read(
     variable: str | None = None,
     positions: str | Path | None = None,
     spacing: tuple[float, float] | None = None,
+    value_range: tuple[float, float] | None = None,
     encoding: str = "file",
 ) -> LightField:
     """Read a light field: a lenslet image, a raw file of a Lytro camera, a folder, an EXR file, an array, or a film.
@@ -174,7 +186,8 @@ def read(
             Lytro camera also its calibration (`data.C.*`, `caldata-*.tar`, or a folder of either or of `MOD_*.RAW`
             files).
         size: Height and width in pixels to keep of each view, from its top left corner; None keeps all.
-        grid: Rows and columns of the grid if each view has one number; None: a square grid, but one row of a film.
+        grid: Rows and columns of the grid if each view has one number, or of views side by side in a picture; None:
+            a square grid, but one row of a film.
         holes: Whether views may be missing; None: only where the holes seem intended (a cross, a diagonal).
         axes: Axes of an array, such as `vuhwc`: view row and column, pixel row and column, channel, or `n` for views
             row by row; None: by the shape of the array, if only one order fits.
@@ -182,6 +195,7 @@ def read(
         positions: Positions of the cameras: a CSV file below `row,column,v,u`, or `names`, those in the names of a
             Stanford gantry's files; None: an even grid.
         spacing: View steps from row to row and from column to column, both above 0, if they differ.
+        value_range: Samples that are black and white, (0, 255) or (-1, 1); None: 0, and 1 or the largest integer.
         encoding: Encoding of the samples: `linear`, `srgb`, `gamma:EXPONENT`; `file`: as the file says, else sRGB for
             integers and linear for floating point; `none` leaves samples as they are, as the paper does.
 
@@ -207,6 +221,12 @@ def read(
         raise InputError(f"size must lie within the {height}x{width} views of {path}", got=f"{rows}x{columns}")
     colours, weight, tone = samples
     colours, weight = colours[..., :rows, :columns], None if weight is None else weight[..., :rows, :columns]
+    if options.value_range is not None:
+        black, white = options.value_range
+        colours = (colours.astype(np.float32) - black) / (white - black)
+    elif colours.dtype.kind == "f" and ((colours > 1).mean() > BRIGHT or (colours < 0).mean() > NEGATIVE):
+        text = "%s: samples from %.3g to %.3g, where light lies in [0, 1]; set reader.value_range=[%g,%g]"
+        log.warning(text, path, colours.min(), colours.max(), *likely_range(colours))
     present = np.asarray(np.ones(colours.shape[:2], bool) if weight is None else weight.any(axis=(2, 3, 4)))
     entries = read_metadata(path) | {"path": str(path), "format": form.name}
     entries |= {"bits": BITS[colours.dtype.name], "encoding": str(tone)}

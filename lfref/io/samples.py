@@ -29,6 +29,8 @@ ROW_DISTANCES = {"square": 1.0, "hexagonal": math.sqrt(3) / 2}
 """Lattice -> distance between its rows, in distances between neighbours of a row."""
 SHORTEST_PITCH = 2.0
 """Shortest pitch, in pixels: one for each of two views."""
+WHITES = (1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0)
+"""Values of white in floating point: light, and samples of 8 to 16 bits."""
 FEWEST_HOLES = 4
 """Fewest missing views that may be intended: the smallest such grids lack four corners, or four views of 3x3."""
 
@@ -76,6 +78,7 @@ class ReadOptions:
     variable: str | None = None
     positions: str | Path | None = None
     spacing: Pair | None = None
+    value_range: Pair | None = None
     encoding: str = "file"
 
     @classmethod
@@ -98,9 +101,13 @@ class ReadOptions:
             if options.get("calibration"):
                 options["calibration"] = Path(options["calibration"])
             own = cls(**options)
-            (_, _), (_, _) = own.size or (1, 1), own.offset or (0, 0)
+            (_, _), (_, _), (black, white) = own.size or (1, 1), own.offset or (0, 0), own.value_range or (0, 1)
             is_possible = own.lenslet >= 1 and min(own.spacing or (1, 1)) > 0 and abs(own.rotation or 0) <= 45
-            is_possible = is_possible and min(own.pitch or (math.inf, math.inf)) >= SHORTEST_PITCH * row_distance
+            is_possible = (
+                is_possible
+                and black < white
+                and min(own.pitch or (math.inf, math.inf)) >= SHORTEST_PITCH * row_distance
+            )
         except (KeyError, TypeError, ValueError, IndexError):
             is_possible = False
         if not is_possible:
@@ -120,6 +127,14 @@ class ReadOptions:
                 raise InputError(f"views to keep must be among the {n_views} of {path}", got=got, remedy=remedy)
             slices.append(slice(first, first + count))
         return slices[0], slices[1]
+
+
+def likely_range(colours: NDArray) -> Pair:
+    """Values of black and white, as the extremes of samples suggest."""
+    low, high = float(colours.min()), float(colours.max())
+    if low < 0:
+        return (-1.0, 1.0) if low >= -1.05 and high <= 1.05 else (low, high)
+    return 0.0, next((white for white in WHITES if high <= white), high)
 
 
 def extent(cells: Iterable[Cell]) -> Cell:

@@ -1,8 +1,9 @@
 """Folders of sub-aperture views: names -> arrangement on the grid -> decoding; and writing such folders.
 
 Known names are those of the Stanford gantry (`out_RR_CC_Y_X.png`, `NAME_RR_CC_Y_X_30_36.jpg`), the HCI benchmark
-(`input_Cam000.png`), numbers behind letters (`v03_u04`, `row3_col4`), a row and a column (`03_04`, `view-3-4`,
-`NAME_03x04`), and plain numbers (`000.png`): views of a square grid, row by row, if number and size allow it.
+(`input_Cam000.png`), a pair (`left.png`, `right.png`), numbers behind letters (`v03_u04`, `row3_col4`), a row and a
+column (`03_04`, `view-3-4`, `NAME_03x04`, `view_-1_+2`), and plain numbers (`000.png`): views of a square grid, row by
+row, if number and size allow it.
 Other pictures of the folder are left out, and named in the log.
 Letters: `V U` view rows (downwards) and columns (to the right), `C` channels, `H W` pixel rows and columns.
 """
@@ -32,21 +33,26 @@ N_WRITERS = 4
 """Number of images that are compressed, and held in memory, at the same time."""
 
 _ROW, _COLUMN = r"(?P<row>\d{1,3})", r"(?P<column>\d{1,3})"
+# A sign stands behind what separates numbers: view_-1_+2; in view-1-2 it separates them.
+_SIGNED_ROW, _SIGNED_COLUMN, _BETWEEN = r"(?P<row>[+-]?\d{1,3})", r"(?P<column>[+-]?\d{1,3})", "[_x-]"
 _POSITION = r"-?\d+\.\d+"
 _V, _U = rf"(?:row|r|v|t)[_-]?{_ROW}", rf"(?:column|col|c|u|s)[_-]?{_COLUMN}"
 _INDEX = r"^(?P<name>|.*\D)(?P<index>\d+)\.\w+$"
+SIDES = {"left": 0, "right": 1}
+"""Words that stand for numbers in the names of a pair of views, in small letters."""
 PATTERNS: dict[str, str] = {
     # Numbers behind the position, such as 30_36, belong to the camera.
     "gantry": rf"^(?P<name>|.*[^a-zA-Z\d]){_ROW}_{_COLUMN}_(?P<v>{_POSITION})_(?P<u>{_POSITION})(?:_[\d.]*)*\.\w+$",
     "HCI": r"^(?P<name>input_Cam)(?P<index>\d+)\.\w+$",
+    "left_right": rf"(?i)^(?P<name>|.*[^a-z])(?P<index>{'|'.join(SIDES)})\.\w+$",
     "v_u": rf"(?i)^(?P<name>|.*[^a-z]){_V}[_-]?{_U}\.\w+$",
     "u_v": rf"(?i)^(?P<name>|.*[^a-z]){_U}[_-]?{_V}\.\w+$",
     # Numbers of more than 3 digits are dates or counters of cameras; numbers right behind letters belong to a name.
-    "row_column": rf"^(?P<name>|.*[^a-zA-Z\d]){_ROW}[_x-]{_COLUMN}\.\w+$",
+    "row_column": rf"^(?P<name>|.*?[^a-zA-Z\d]){_SIGNED_ROW}{_BETWEEN}{_SIGNED_COLUMN}\.\w+$",
 }
 """Name of a pattern -> regular expression; a file has the first pattern that it matches."""
 AMBIGUOUS_PATTERNS: dict[str, str] = {
-    "column_row": rf"^(?P<name>|.*[^a-zA-Z\d]){_COLUMN}[_x-]{_ROW}\.\w+$",
+    "column_row": rf"^(?P<name>|.*?[^a-zA-Z\d]){_SIGNED_COLUMN}{_BETWEEN}{_SIGNED_ROW}\.\w+$",
     "index": _INDEX,
     "serpentine": _INDEX,
 }
@@ -120,7 +126,7 @@ def arrange(folder: Path, field: list[Named], options: ReadOptions) -> tuple[dic
     """The file at each row and column, and the shape of the grid, of files of one pattern."""
     groups = groups_of(field[0].re)
     try:
-        numbers = [tuple(int(file[group]) for group in groups) for file in field]
+        numbers = [tuple(_number(file[group]) for group in groups) for file in field]
     except (TypeError, ValueError) as error:
         raise InputError("groups of reader.pattern must be numbers in all names", got=error) from error
     numbered = dict(zip(numbers, field, strict=True))
@@ -128,7 +134,9 @@ def arrange(folder: Path, field: list[Named], options: ReadOptions) -> tuple[dic
         first, second = [file.string for n, file in zip(numbers, field, strict=True) if numbers.count(n) > 1][:2]
         raise FileError(f"{folder} must hold each view once", got=f"{first} and {second}", remedy="remove one of them")
     if groups == ["index"]:
-        shape, base = _square_or_option(folder, field, [index for (index,) in numbered], options.grid)
+        is_pair = field[0]["index"].lower() in SIDES
+        grid = options.grid or ((1, 2) if is_pair else None)
+        shape, base = _square_or_option(folder, field, [index for (index,) in numbered], grid)
         is_serpentine = options.pattern == "serpentine"
         places = (samples.cell_of(index - base, shape[1], is_serpentine) for (index,) in numbered)
         return dict(zip(places, numbered.values(), strict=True)), shape
@@ -137,6 +145,11 @@ def arrange(folder: Path, field: list[Named], options: ReadOptions) -> tuple[dic
     step = math.gcd(*(number for row, column in numbered for number in (row - top, column - left))) or 1
     cells = {((row - top) // step, (column - left) // step): file for (row, column), file in numbered.items()}
     return cells, samples.extent(cells)
+
+
+def _number(text: str) -> int:
+    side = SIDES.get(str(text).lower())
+    return int(text) if side is None else side
 
 
 def _square_or_option(
@@ -196,6 +209,8 @@ def _only_field(folder: Path, pattern: str | None) -> list[Named]:
         names = [field[0].string for field in fields[:2]] or [path.name for path in files[:1]] or ["none"]
         got = f"{counted(len(files), 'image')} named like {' and '.join(names)}"
         remedy = r"""set reader.pattern: index (row by row), or 'reader.pattern="(?P<row>\d+)at(?P<column>\d+)"'"""
+        if below := [child.name for child in sorted(folder.iterdir()) if child.is_dir() and is_field(child)]:
+            remedy = f"read {folder / below[0]}"
         expected = f"{folder} must hold the views of one light field, whose names say their rows and columns"
         raise FileError(expected, got=got, remedy=remedy)
     return fields[0]

@@ -73,7 +73,7 @@ class Refocuser(abc.ABC):
         if self.is_linear not in (None, light.is_linear):
             kinds = ["linear light", "samples as files hold them"]
             trained, got = kinds if self.is_linear else reversed(kinds)
-            remedy = "read it with encoding=none" if light.is_linear else "read it without encoding=none"
+            remedy = "set reader.encoding=none" if light.is_linear else "leave reader.encoding=none out"
             raise InputError(f"{self.name} was trained on {trained}", got=got, remedy=remedy)
         views = light.views if light.weight is None else filling.readable(light.views, light.weight)
         return self.stack(views, light.weight, self.slopes(slopes), light.positions)

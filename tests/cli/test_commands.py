@@ -5,14 +5,17 @@ import pytest
 import torch
 
 from lfref.encoding import SRGB
+from lfref.io import tensor_files
 from lfref.io.read import read, read_stack
 from lfref.io.run import Run
+from lfref.nets import checkpoint
 from lfref.refocus import apertures
 from lfref.refocus.focus.all_in_focus import extended_focus
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.report import answers
 from lfref.report.tables import read_table
 from tests.cli.conftest import TINY
+from tests.export import cases
 
 QUICK = (*TINY, "trainer.max_epochs=2", "trainer.log_every_n_steps=1")
 
@@ -63,6 +66,18 @@ def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
     for words in ("alphas=[1]", "aperture=disc"):  # a network has planes and an aperture of its own
         status, error = lfref("refocus", f"input={field}", f"run={trained}/run", words, f"output={tmp_path}/no")
         assert status == 1, error
+
+
+def test_a_network_brings_its_planes_its_grid_and_the_encoding_of_its_samples(lfref, trained, tmp_path):
+    network = cases.network().network
+    entry = checkpoint.payload(network, cases.PLANES, is_linear=False)
+    state = {f"net.{name}": value for name, value in network.state_dict().items()}
+    tensor_files.write_checkpoint(tmp_path / "net.ckpt", {"lfref": entry, "state_dict": state})
+    words = (f"input={trained}/scenes/simulated_s0_e0_000", f"checkpoint={tmp_path}/net.ckpt")
+    for command in ("eval", "refocus", "view"):
+        status, error = lfref(command, *words, f"output={tmp_path}/{command}")
+        assert status == 0, error
+    assert len(read_table(tmp_path / "eval" / "planes.csv")) == 3 * 2 * len(cases.PLANES)
 
 
 def test_eval_writes_every_plane_and_the_means_and_the_report_shows_them(lfref, trained):

@@ -1,6 +1,7 @@
 """Light fields as arrays of every kind of file, and hostile files."""
 
 import io
+import re
 
 import h5py
 import numpy as np
@@ -97,6 +98,35 @@ def test_what_is_no_light_field_is_one_line(tmp_path, array, options, one_line):
     with pytest.raises(LfrefError) as caught:
         read.read(path, **options)
     one_line(caught.value, path)
+
+
+@pytest.mark.parametrize(
+    ("black", "white", "kind", "is_refused"),
+    [(0, 255, "float32", False), (-1, 1, "float32", False), (0, 4095, "int32", True), (0, 1023, "int16", True)],
+)
+def test_samples_of_another_range_are_named_with_the_option(tmp_path, stored, black, white, kind, is_refused, caplog):
+    light = np.random.default_rng(0).random(stored.shape)
+    samples = (black + light * (white - black)).astype(kind)
+    samples[0, 0, 0, 0, :2], light[0, 0, 0, 0, :2] = (black, white), (0, 1)
+    np.save(tmp_path / "a.npy", samples)
+    option = rf"set reader\.value_range=\[{black},{white}\]"
+    if is_refused:
+        with pytest.raises(FileError, match=option):
+            read.read(tmp_path / "a.npy")
+    else:
+        read.read(tmp_path / "a.npy")
+        assert re.search(option, caplog.text)
+    caplog.clear()
+    found = read.read(tmp_path / "a.npy", value_range=(black, white), encoding="linear")
+    step = 1 / white if is_refused else 1e-6
+    np.testing.assert_allclose(found.views.numpy(), light.transpose(0, 1, 4, 2, 3), atol=step)
+    assert not caplog.text
+
+
+def test_light_of_bright_scenes_is_no_other_range(tmp_path, stored, caplog):
+    np.save(tmp_path / "a.npy", np.random.default_rng(0).random(stored.shape) * 1.8 - 0.05)
+    read.read(tmp_path / "a.npy")
+    assert not caplog.text
 
 
 def test_data_outside_an_hdf5_file_are_left_where_they_are(tmp_path, stored):

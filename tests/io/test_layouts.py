@@ -122,10 +122,20 @@ def raw(name: str, has_white: bool = False, **options) -> Form:
     return Form(make, relative, 0.003 if has_white else 0.02)
 
 
-def array(shape: tuple[int, ...]) -> Form:
+def sheet(name: str, is_quilt: bool = False) -> Form:
+    def make(folder: Path) -> NDArray:
+        views = np.array([[moved(row, column, (24, 32)) for column in range(3)] for row in range(5)])
+        images.write_image(folder / name, views.transpose(0, 2, 1, 3, 4).reshape(5 * 24, 3 * 32, 3))
+        light = light_of(views).transpose(0, 1, 4, 2, 3)
+        return light[::-1].reshape(1, 15, *light.shape[2:]) if is_quilt else light
+
+    return Form(make)
+
+
+def array(shape: tuple[int, ...], white: float = 1.0) -> Form:
     def make(folder: Path) -> NDArray:
         stored = np.random.default_rng(0).random(shape, np.float32)
-        np.save(folder / "FIELD.npy", stored if shape[0] != shape[1] else stored.swapaxes(0, 1))
+        np.save(folder / "FIELD.npy", white * stored if shape[0] != shape[1] else stored.swapaxes(0, 1))
         return stored.transpose(0, 1, 4, 2, 3)
 
     return Form(make)
@@ -175,6 +185,11 @@ def lytro(folder: Path) -> NDArray:
 BY_CELL = "{}_{}.png".format
 FORMS: dict[str, Form] = {
     "folder of views whose names say row and column": pictures(BY_CELL),
+    "numbers with signs": pictures(lambda row, column: f"view_{row - 1:+d}_{column - 1}.png"),
+    "a pair of views": pictures(lambda row, column: f"room_{('left', 'right')[column]}.png", 1, 2),
+    "contact sheet": sheet("SHEET.png"),
+    "quilt of a light-field display": sheet("NAME_qs3x5a0.75.png", is_quilt=True),
+    "the same, in floating point": array((3, 4, 20, 30, 3), 255.0),
     "the same, column first": pictures(lambda row, column: f"{column}_{row}.png", 3, 4),
     "folder numbered row by row": pictures(number(4)),
     "the same, but 2x2 views": pictures(number(1, 2), 2, 2),

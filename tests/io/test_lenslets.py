@@ -191,6 +191,15 @@ def test_only_the_right_pitch_is_read_whether_or_not_it_divides_the_size(tmp_pat
             read.read(tmp_path / "a.png", lenslet=wrong)
 
 
+@pytest.mark.parametrize("pitch", [4, 8, 16])
+def test_blocks_of_jpeg_are_no_lenslets(tmp_path, pitch):
+    soft = np.repeat(255 * photographs.landscape((400, 400), power=2.0)[..., None], 3, axis=2).astype(np.uint8)
+    images.write_image(tmp_path / "a.jpg", soft, quality=50)
+    with pytest.raises(FileError) as error:
+        read.read(tmp_path / "a.jpg", lenslet=pitch)
+    assert f"reader.lenslet={pitch}" not in str(error.value)
+
+
 def test_aligned_lenslets_with_dark_gaps_are_read_as_their_pixels(tmp_path):
     lattice = upright((15.0, 15.0), (7.0, 7.0))
     image = (65535 * sensor(lattice, size=(450, 480))).astype(np.uint16)[..., None]

@@ -18,6 +18,8 @@ NAMINGS = {
     "from 8, past 9": lambda row, column: f"s_{row + 8}_{column + 8}.png",
     "R_C": lambda row, column: f"{row}_{column}.png",
     "RxC": lambda row, column: f"{row}x{column}.png",
+    "signs": lambda row, column: f"image_{row - 1:+d}_{column - 1:+d}.png",
+    "minus": lambda row, column: f"view_{row - 1}_{column - 2}.png",
     "view-RR-CC": lambda row, column: f"view-{row + 1:02d}-{column + 1:02d}.png",
     "name that ends in a number": lambda row, column: f"IMG-2019-{row:02d}_{column:02d}.png",
     "every third": lambda row, column: f"s_{3 * row + 1:02d}_{3 * column + 1:02d}.png",
@@ -42,6 +44,18 @@ def test_known_names_find_their_place(view_folder, numbered_views, naming):
     assert numbered_views(field.views) == EXPECTED
     expected = {"path": str(folder), "format": "folder", "bits": "8", "encoding": "srgb"}
     assert (field.name, field.metadata) == ("field", expected)
+
+
+def test_left_and_right_are_a_row_of_two_views(view_folder, numbered_views):
+    folder = view_folder({(0, 0): "room_left.png", (0, 1): "room_right.png"})
+    assert numbered_views(read.read(folder).views) == [[0, 1]]
+
+
+def test_a_light_field_one_level_below_is_named(view_folder):
+    folder = view_folder(names("from 0"), "capture/images").parent
+    with pytest.raises(LfrefError, match="capture/images"):
+        read.read(folder)
+    assert read.find(folder) == [folder / "images"]
 
 
 NUMBERED = [f"photo{index}.png" for index in range(8)]
