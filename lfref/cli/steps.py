@@ -103,7 +103,7 @@ def read_field(path: Path, config: DictConfig, refocusers: Sequence[Refocuser] =
     options = configs.plain(config.reader)
     if options["angular_size"] is None:
         options["angular_size"] = next((refocuser.grid for refocuser in refocusers if refocuser.grid is not None), None)
-    if options["encoding"] == "file" and any(refocuser.is_linear is False for refocuser in refocusers):
+    if options.get("encoding") == "file" and any(refocuser.is_linear is False for refocuser in refocusers):
         options["encoding"] = "none"
     field = reader.read(path, **options)
     if missing := field.metadata.get("missing"):
@@ -194,10 +194,9 @@ def compared_methods(config: DictConfig, device: torch.device) -> list[Refocuser
 
 def planes_for(config: DictConfig, refocusers: Sequence[Refocuser]) -> Planes:
     """The configured planes; a network has its own unless the command line names others."""
-    if not any(override.startswith("planes") for override in HydraConfig.get().overrides.task):
-        for own in (refocuser.planes for refocuser in refocusers):
-            if own is not None:
-                return own
+    own = next((refocuser.planes for refocuser in refocusers if refocuser.planes is not None), None)
+    if own is not None and not any(word.startswith("planes") for word in HydraConfig.get().overrides.task):
+        return own
     planes: Planes = configs.build(config.planes)
     return planes
 
