@@ -20,7 +20,7 @@ FEWEST = 6
 SIDE, WINDOWS = 64, 4
 """Shorter side of the small pictures, in pixels, at least, and windows along each side."""
 TURNED = 0.7
-"""Difference of a step from the first ones, in these, from which the camera turned."""
+"""Least difference of a step from the first steps where the camera turns, as a share of the first steps."""
 EXPLAINED = 0.05
 """Least share of the differences of neighbours that motion explains: views have .2 and more, a focal stack .004."""
 
@@ -29,7 +29,7 @@ EXPLAINED = 0.05
 def advice(field: LightField) -> str | None:
     """What is wrong with the order of views, and what to do, in one line; else None."""
     n_views, is_line = math.prod(field.grid), min(field.grid) == 1
-    if n_views < FEWEST or field.positions is not None or field.weight is not None:
+    if n_views < FEWEST or min(field.size) < 2 or field.positions is not None or field.weight is not None:
         return None
     motion, explained = _motion(field.views.flatten(0, 1).mean(1))
     if is_line and explained < EXPLAINED:
@@ -45,7 +45,7 @@ def advice(field: LightField) -> str | None:
         return f"the camera goes back after {n_columns} views: set reader.angular_size=[1,{n_columns}] reader.start=0"
     if rest or n_columns < 2 or turns != _turns_of(along, n_rows, n_columns):
         return None
-    is_serpentine = n_rows > 1 and bool((along[n_columns : 2 * n_columns - 1] < 0).all())
+    is_serpentine = bool((along[n_columns : 2 * n_columns - 1] < 0).all())
     if not is_line and not is_serpentine:
         return None
     # Whole rows that move the picture up and down are columns.
@@ -66,13 +66,14 @@ def _turns_of(along: Tensor, n_rows: int, n_columns: int) -> list[int]:
 
 
 def _steps(motion: Tensor) -> Tensor:
-    """Each motion [N - 1, W, 2] along the mean of the first two, in these, [N - 1]."""
+    """Component of each motion [N - 1, W, 2] along the mean of the first two, as a multiple of that mean, [N - 1]."""
     first = motion[:2].mean(0)
     return (motion * first).sum((1, 2)) / first.square().sum().clamp(min=torch.finfo(motion.dtype).tiny)
 
 
 def _motion(pictures: Tensor) -> tuple[Tensor, float]:
-    """Motion (y, x) of each window between neighbours of grey pictures [N, H, W], and the share that it explains."""
+    """Motion (y, x) of each window between neighbours of grey pictures [N, H, W], and the share of their differences
+    that it explains, 1 if they are alike."""
     factor = max(1, min(pictures.shape[1:]) // SIDE)
     small = F.avg_pool2d(pictures[:, None], factor)[:, 0].double()
     small = small - small.mean((1, 2), keepdim=True)
@@ -91,5 +92,5 @@ def _motion(pictures: Tensor) -> tuple[Tensor, float]:
     motion = (inverse @ right[..., None])[..., 0]
     # In windows of strong gradients the motion is sure.
     weight = (moments[0] + moments[2]).sqrt()
-    explained = float((motion * right).sum() / summed(change.square()).sum().clamp(min=1e-30))
-    return motion * weight[..., None], explained
+    left = float(summed(change.square()).sum())
+    return motion * weight[..., None], float((motion * right).sum()) / left if left > 0 else 1.0

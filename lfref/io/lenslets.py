@@ -62,8 +62,9 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
         return _resampled_views(path, image, options)
     grey = _grey(image)
     steps = [along for axis in (0, 1) if (along := steps_along(grey, axis)) is not None]
-    pitches = [n for n in range(SHORTEST_PITCH, LONGEST_PITCH + 1) if not is_jpeg or (n % BLOCK and BLOCK % n)]
-    has_borders = options.lenslet in pitches and any(borders(along, options.lenslet) >= BORDER for along in steps)
+    pitches = [n for n in range(SHORTEST_PITCH, LONGEST_PITCH + 1) if not (is_jpeg and _is_of_blocks(n))]
+    has_borders = not (is_jpeg and _is_of_blocks(options.lenslet))
+    has_borders = has_borders and any(borders(along, options.lenslet) >= BORDER for along in steps)
     lattice = None if has_borders else _shown_lattice(grey)
     shown = None
     if lattice is not None and not lattice.is_hexagonal:
@@ -190,6 +191,11 @@ def borders(steps: NDArray, pitch: int) -> float:
     )
     coarser = any(ratio(at % (n * pitch) == 0, is_border & (at % (n * pitch) > 0)) >= BORDER for n in (2, 3))
     return 1.0 if finer or coarser else ratio(is_border, ~is_border)
+
+
+def _is_of_blocks(pitch: int) -> bool:
+    """Whether the borders of JPEG's blocks have such a period."""
+    return pitch % BLOCK == 0 or BLOCK % pitch == 0
 
 
 def aligned_pitch(along: list[NDArray], pitches: Iterable[int]) -> int | None:

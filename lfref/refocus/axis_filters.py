@@ -34,8 +34,9 @@ OUTER = 0.01
 FOLDS = 1
 """Largest m along one axis: farther folds have next to no power."""
 NOISE_GAIN = 4.0
-"""Noise that the views of the other axis leave, in that of their mean: they weigh unevenly. By trial in noise of .02 on
-path-traced scenes (1 and 8 lose .1 dB) and in the planes of 13x13 views that are in focus (1 loses 1.6 dB)."""
+"""Noise after the filters of the other axis, as a multiple of that after an even mean: they weigh views unevenly. By
+trial in noise of .02 on path-traced scenes (1 and 8 lose .1 dB), and in planes of 13x13 views that are in focus (1
+loses 1.6 dB)."""
 
 
 class AxisSpectrum(NamedTuple):
@@ -125,7 +126,7 @@ def _halves(weights: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def noise_beside(disparities: Tensor, shares: Tensor, slopes: Tensor, weights: Tensor, period: int) -> Tensor:
-    """Noise that a lens leaves along the other axis, in what it leaves of light: 1 in focus, less where it blurs.
+    """Share of noise that a lens passes along the other axis over the share of light: 1 in focus, less where it blurs.
 
     At the frequencies of `tables`, [N, K]; `weights` are those of the views along the other axis.
     """

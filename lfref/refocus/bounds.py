@@ -5,7 +5,7 @@ disparities that are e apart. Where light is in focus, shifted views agree, and 
 differs from it by a small share of what views differ by, and by what interpolation is uncertain of. Out of focus the
 sum is no measure, since it has copies of edges. The views show how far light is from focus: they differ by that
 distance times the gradient of their sum.
-They are compared in grey, of 5x5 and more views every other one.
+They are compared in grey; where a grid has an odd number of rows and columns, 5 or more, every other view is.
 Letters: `N` planes, `C H W` channel, pixel row and column, `V U` view rows and columns.
 """
 
@@ -76,12 +76,12 @@ def _compared(aperture: Tensor) -> tuple[int, Tensor, list[float]]:
 
 
 def _blurs(planes: Tensor, aperture: Tensor) -> list[Tensor]:
-    """Blur of linear interpolation down and across, [N, 1, 1, 1]: f (1 - f) / 2 of a view that moves by a fraction f,
-    times the second derivative."""
+    """Blur of linear interpolation down and across, [N, 1, 1, 1], in second derivatives of the picture."""
     blurs = []
     for axis, n_views in enumerate(aperture.shape):
         fraction = planes.double()[:, None] * on_device(geometry.angular_offsets(n_views), planes.device) % 1
         weights = on_device(aperture.sum(1 - axis), planes.device, torch.float64)
+        # A view between two samples, at a fraction f of their distance, is off by f (1 - f) / 2 second derivatives.
         blurs.append((fraction * (1 - fraction) / 2 @ weights)[:, None, None, None])
     return blurs
 

@@ -57,6 +57,11 @@ def test_a_serpentine_that_was_read_row_by_row_is_named(cells, is_serpentine):
     assert (found is not None and "reader.grid=[3,4] reader.pattern=serpentine" in found) == is_serpentine
 
 
+@pytest.mark.parametrize("size", [(1, 9), (24, 32)])
+def test_views_that_are_alike_or_a_pixel_wide_say_nothing(size):
+    assert view_path.advice(LightField(torch.full((1, 9, 3, *size), 0.5))) is None
+
+
 def test_a_focal_stack_moves_nowhere():
     sharp = [np.abs(np.linspace(0, 11, 96) - plane) / 2 for plane in range(12)]
     levels = np.stack(

@@ -179,6 +179,12 @@ def aligned(pitch: int, rows=30, columns=36, extra=0) -> np.ndarray:
     return (255 * (image + grain).clip(0, 1)).astype(np.uint8)[..., None]
 
 
+def test_a_pitch_beyond_those_that_are_searched_is_believed(tmp_path):
+    image = aligned(70, 18, 18)
+    images.write_image(tmp_path / "a.png", image)
+    assert read.read(tmp_path / "a.png", lenslet=70, angular_size=1).size == (18, 18)
+
+
 @pytest.mark.parametrize(("pitch", "extra"), [(7, 4), (15, 0)])
 def test_only_the_right_pitch_is_read_whether_or_not_it_divides_the_size(tmp_path, pitch, extra):
     image = aligned(pitch, extra=extra)
