@@ -229,6 +229,10 @@ def _estimate_and_correct(
         skipped = dict.fromkeys(names, "unknown: the views show no common disparities") | skipped
     elif field.is_linear:
         ratios = brightness.ratios(field, view.disparity, view.reference)
+        if flat_field is None and (even := _evenly_lit(field, view, ratios)) is not field:
+            # Views of one brightness have better disparities, on which the estimates depend.
+            better = central_view(even)
+            ratios = brightness.ratios(field, better.disparity, better.reference)
         if flat_field is None and correct_if_due(VignettingDefect, vignetting.find(ratios)):
             view = central_view(field)
             ratios = brightness.ratios(field, view.disparity, view.reference)
@@ -248,6 +252,16 @@ def _estimate_and_correct(
     else:
         correct_if_due(SpacingDefect, spacing)
     return field, Corrections(grid, size, tuple(defects), unchanged, skipped)
+
+
+def _evenly_lit(field: LightField, view: CentralView, ratios: brightness.Ratios) -> LightField:
+    """The light field after first corrections of vignetting and exposure; the same one if neither shows."""
+    shading = vignetting.find(ratios)
+    if isinstance(shading, VignettingDefect):
+        field = shading.corrected(field)
+        ratios = brightness.ratios(field, view.disparity, view.reference)
+    exposure = brightness.find_exposure(ratios)
+    return exposure.corrected(field) if isinstance(exposure, ExposureDefect) else field
 
 
 def _registration(field: LightField, view: CentralView) -> Registration | None:

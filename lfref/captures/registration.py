@@ -277,7 +277,7 @@ def find_spacing(registered: Registration | None) -> SpacingDefect | str:
     positions = registered.positions.unflatten(0, registered.field.grid)
     rows, columns = (float(positions.diff(dim=axis)[..., axis].mean()) for axis in (0, 1))
     defect = SpacingDefect(ratio, error, rows / columns)
-    return defect if excess > SURE * error and shows else defect.distances()
+    return defect if abs(ratio - 1) > SURE * error and shows else defect.distances()
 
 
 def fit_ratio(registered: Registration, chosen: Tensor) -> tuple[Fitted, float]:
