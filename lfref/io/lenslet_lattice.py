@@ -42,6 +42,11 @@ SCENE_PHASE_ERROR = 0.06
 """The same for an image of a scene: lenslets have .01 to .05, a wall through a lens that bends by .3 % .06 to .1."""
 MAX_HEXAGONAL_ROTATION = 15.0
 """Largest rotation of hexagonal rows, in degrees: half of the 30 after which other rows are more level."""
+SMALLEST_PICTURE, MOST_PICTURES = 12, 24
+"""Least side of a picture under a lenslet in which detail can be seen, in pixels; most pictures along each axis."""
+ALIKE, LEAST_MOTION, FINE = 0.3, 3.0, 0.35
+"""Least correlation of neighbouring pictures, least motion in pixels, and most correlation at half the motion, relative
+to that of neighbours, of a focused camera; others have at least .5."""
 FEWEST_LENSLETS = 16
 """Fewest lenslets along each axis that allow a judgement."""
 
@@ -356,6 +361,39 @@ def _fit_plane(tiles: NDArray, rough: NDArray, centres: list[NDArray]) -> tuple[
         # Leave out tiles of dust and of the picture's dark corners.
         weight = weight * (abs(residual) < 4 * error + 1e-6)
     return f + solution[1:], base / (2 * math.pi) + float(solution[0]), error
+
+
+def picture_motion(image: NDArray, lattice: Lattice) -> float:
+    """Pixels by which pictures of a focused camera move from lenslet to lenslet, in an image [H, W]; 0: no such camera.
+
+    A lenslet of another camera sums over its width what moves by one pitch of pixels of the scene: detail under it is
+    as wide as its motion, so that half the motion leaves at least half the correlation. A focused camera's is finer.
+    """
+    side = int(0.7 * min(lattice.pitch))
+    rows, columns = lattice.within((image.shape[0], image.shape[1]), lattice.pitch)
+    if side < SMALLEST_PICTURE or min(len(rows), len(columns)) < 2:
+        return 0.0
+    i, j = (
+        np.array(numbers)[max(0, len(numbers) - MOST_PICTURES) // 2 :][:MOST_PICTURES] for numbers in (rows, columns)
+    )
+    corners = [np.rint(centre - (side - 1) / 2).astype(int) for centre in lattice.centres(i[:, None], j[None, :])]
+    pixels = np.arange(side)
+    pictures = image[corners[0][..., None, None] + pixels[:, None], corners[1][..., None, None] + pixels]
+    # The image of the pupil, which all lenslets have, does not move.
+    pupil = pictures.mean(axis=(0, 1))
+    pictures = pictures - pupil * (pictures.mean(axis=(2, 3), keepdims=True) / max(pupil.mean(), 1e-30))
+    waves = np.fft.rfft2(pictures, (2 * side, 2 * side))
+    overlap = np.fft.irfft2(np.abs(np.fft.rfft2(np.ones((side, side)), (2 * side, 2 * side))) ** 2)
+    own, next_one = (
+        np.fft.irfft2((waves[:, 1:] * other.conj()).mean(axis=(0, 1))) / np.maximum(overlap, 1)
+        for other in (waves[:, 1:], waves[:, :-1])
+    )
+    offset = np.fft.fftfreq(2 * side, 1 / (2 * side)).astype(int)
+    is_near = np.hypot(offset[:, None], offset) < 0.6 * side
+    y, x = np.unravel_index(int(np.where(is_near, next_one, -np.inf).argmax()), own.shape)
+    motion, peak = math.hypot(offset[y], offset[x]), float(next_one[y, x])
+    half = float(own[offset[y] // 2, offset[x] // 2])
+    return motion if peak > ALIKE * own[0, 0] and motion >= LEAST_MOTION and half < FINE * peak else 0.0
 
 
 def _lattice_of_waves(f: NDArray, phases: NDArray) -> Lattice:

@@ -60,29 +60,36 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
     # Without a description they are aligned with the pixels, or the image shows them.
     if {options.pitch, options.offset, options.rotation, options.lattice, options.calibration} != {None}:
         return _resampled_views(path, image, options)
-    grey = _grey(image)
-    steps = [along for axis in (0, 1) if (along := steps_along(grey, axis)) is not None]
-    pitches = [n for n in range(SHORTEST_PITCH, LONGEST_PITCH + 1) if not (is_jpeg and _is_of_blocks(n))]
-    has_borders = not (is_jpeg and _is_of_blocks(options.lenslet))
-    has_borders = has_borders and any(borders(along, options.lenslet) >= BORDER for along in steps)
-    lattice = None if has_borders else _shown_lattice(grey)
-    shown = None
-    if lattice is not None and not lattice.is_hexagonal:
-        # Lenslets of whole pixels that stay within a pixel of the image's own rows and columns are aligned.
-        whole = np.rint(lattice.pitch)
-        drift = np.abs([lattice.rows, lattice.columns] - np.diag(whole)) * (np.array(image.shape[:2]) / whole)[:, None]
-        shown = round(lattice.pitch[1]) if bool((drift < 1).all()) else None
-    if lattice is None or shown is not None or options.lenslet != LENSLET:
-        pitch = options.lenslet if has_borders or not steps else shown or aligned_pitch(steps, pitches)
-        _check_aligned(grey, options.lenslet, path, pitch)
-        most = options.angular_size or (min(DEFAULT_VIEWS, options.lenslet),) * 2
-        keep = options.window((options.lenslet,) * 2, path, most)
-        colours, weight = split_weight(unpack(image, options.lenslet)[keep], axis=2)
+    grey, lenslet = _grey(image), options.lenslet or LENSLET
+    found = find_lenslets(grey, lenslet, is_jpeg)
+    if not isinstance(found, Lattice) or options.lenslet is not None:
+        if isinstance(found, Lattice):
+            found = round(found.pitch[1], 2)
+        _check_aligned(grey, path, lenslet, found, is_given=options.lenslet is not None)
+        most = options.angular_size or (min(DEFAULT_VIEWS, lenslet),) * 2
+        keep = options.window((lenslet,) * 2, path, most)
+        colours, weight = split_weight(unpack(image, lenslet)[keep], axis=2)
         return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(image)))
+    lattice = found
     option = f"reader.lattice={lattice.name} reader.pitch=[{lattice.pitch[0]:.3f},{lattice.pitch[1]:.3f}]"
     place = f"reader.offset=[{lattice.origin[0]:.2f},{lattice.origin[1]:.2f}] reader.rotation={lattice.rotation:.3f}"
     log.info("%s: lenslets found as by %s %s", path, option, place)
     return _resampled_views(path, image, options, lattice)
+
+
+def find_lenslets(grey: NDArray, likely: int, is_jpeg: bool = False) -> Lattice | int | None:
+    """The lattice that an image [H, W] shows, or the pitch of aligned lenslets, the likely one first; None if none."""
+    steps = [along for axis in (0, 1) if (along := steps_along(grey, axis)) is not None]
+    pitches = [n for n in (likely, *range(SHORTEST_PITCH, LONGEST_PITCH + 1)) if not (is_jpeg and _is_of_blocks(n))]
+    if likely in pitches and (not steps or any(borders(along, likely) >= BORDER for along in steps)):
+        return likely
+    lattice = _shown_lattice(grey)
+    if lattice is None:
+        return aligned_pitch(steps, pitches) if steps else None
+    # Lenslets of whole pixels that stay within a pixel of the image's own rows and columns are aligned.
+    whole = np.rint(lattice.pitch)
+    drift = np.abs([lattice.rows, lattice.columns] - np.diag(whole)) * (np.array(grey.shape) / whole)[:, None]
+    return lattice if lattice.is_hexagonal or bool((drift >= 1).any()) else round(lattice.pitch[1])
 
 
 def _shown_lattice(grey: NDArray) -> Lattice | None:
@@ -96,30 +103,40 @@ def _shown_lattice(grey: NDArray) -> Lattice | None:
     return None if lattice is None or roundness(grey, lattice)[0] < ROUND else lattice
 
 
-def _check_aligned(grey: NDArray, lenslet: int, path: Path, pitch: int | None) -> None:
-    """Refuse an image [H, W] that shows no lenslets of this size, but another pitch or none; small ones pass."""
-    size, got, remedy = min(grey.shape), "", f"give a folder of views, or set reader.pitch={lenslet} to read it"
+def _check_aligned(grey: NDArray, path: Path, lenslet: int, shown: float | None, is_given: bool) -> None:
+    """Refuse an image [H, W] that shows no lenslets of this size; if the size was given, warn; small ones pass."""
+    size, got, remedy = min(grey.shape), "", f"give a folder of views, or set reader.lenslet={lenslet} to read it"
     if size < lenslet:
-        got = f"{grey.shape[0]}x{grey.shape[1]} pixels"
-    elif lenslet < SHORTEST_PITCH or not np.ptp(grey):
+        raise FileError(f"{path} must hold a lenslet of {lenslet} pixels", got=f"{grey.shape[0]}x{grey.shape[1]}")
+    if lenslet < SHORTEST_PITCH or not np.ptp(grey):
         return
-    elif pitch != lenslet and (grid := sheets.likely_grid(grey)) is not None:
+    if shown != lenslet and (grid := sheets.likely_grid(grey)) is not None:
         got, remedy = "views side by side", f"set reader.grid=[{grid[0]},{grid[1]}]"
-    elif pitch not in (None, lenslet) and size >= FEWEST_LENSLETS * pitch:
-        got, remedy = f"lenslets of {pitch}", f"set reader.lenslet={pitch}"
+    elif shown not in (None, lenslet) and size >= FEWEST_LENSLETS * shown:
+        got, remedy = f"lenslets of {shown}", f"set reader.lenslet={shown}"
     elif size < FEWEST_LENSLETS * lenslet:
         message = "%s is read as %d lenslets of %d pixels along its shorter side; a photograph is no light field"
         log.warning(message, path, size // lenslet, lenslet)
-    elif pitch is None:
-        got = "an image that shows none"
+    elif shown is None:
+        lattice = lenslet_lattice.lattice_of_scene(grey)
+        got = (lattice and _focused(grey, lattice)) or "an image that shows none"
     else:
         corner = (lenslet - 1) / 2
         lattice = lenslet_lattice.upright((float(lenslet), float(lenslet)), (corner, corner))
         share, contrast = roundness(grey, lattice)
         if contrast >= CONTRAST and share < ROUND:
             got = "a picture of something regular"
-    if got:
+    if got and is_given:
+        log.warning("%s is read as lenslets of %d pixels, as given, but looks like %s", path, lenslet, got)
+    elif got:
         raise FileError(f"{path} must hold aligned lenslets of {lenslet} pixels", got=got, remedy=remedy)
+
+
+def _focused(grey: NDArray, lattice: Lattice) -> str:
+    """What a message calls a focused camera; empty for others."""
+    motion = lenslet_lattice.picture_motion(grey, lattice)
+    pitch = f"lenslets {lattice.pitch[1]:.4g} pixels apart"
+    return f"a focused camera, {pitch} with sharp pictures that move by {motion:.3g}" if motion else ""
 
 
 def _grey(image: NDArray) -> NDArray[np.float32]:
@@ -233,6 +250,8 @@ def _resampled_views(path: Path, image: NDArray, options: ReadOptions, lattice: 
     light = images.decoded(stored, tone)
     white = None if options.calibration is None else _white_image(options.calibration, options, light, path)
     lattice = lattice or _lattice(options, light, white)
+    if camera := _focused(_grey(light), lattice):
+        log.warning("%s looks like the image of %s: its views need other software", path, camera)
     views = sampled(light, lattice, options, path)
     weight = None if alpha is None else sampled(images.to_float(alpha), lattice, options, path)
     if white is not None:

@@ -24,7 +24,7 @@ from torch import Tensor
 from lfref.errors import FileError, InputError, first_line
 from lfref.geometry import FocalPlanes
 from lfref.io import arrays, atomic, exr, images, lenslets, lytro, lytro_files, sheets, video, view_folders
-from lfref.io.samples import LENSLET, ReadOptions, Samples, likely_range
+from lfref.io.samples import ReadOptions, Samples, likely_range
 from lfref.lightfield import LightField
 
 log = logging.getLogger(__name__)
@@ -144,7 +144,7 @@ def read(
     reverse_v: bool = False,
     reverse_u: bool = False,
     pattern: str | None = None,
-    lenslet: int = LENSLET,
+    lenslet: int | None = None,
     pitch: float | Sequence[float] | None = None,
     offset: Sequence[float] | None = None,
     rotation: float | None = None,
@@ -176,7 +176,8 @@ def read(
         pattern: How the files of a folder are named: `row_column`, `column_row`, `index` (numbered row by row),
             `serpentine` (likewise, every second row from right to left; also of a film), or a regular expression with
             the named groups `row` and `column`, or `index`; None: by the names that `view_folders` knows.
-        lenslet: Views along each axis of an ESLF image, whose lenslets are aligned with its pixels.
+        lenslet: Views along each axis of an ESLF image, whose lenslets are aligned with its pixels; None: 14, if the
+            image shows them.
         pitch: Distance between lenslets that are not aligned, in pixels, also a fraction; or [rows, columns].
         offset: Centre [y, x] of any lenslet, in pixels from the middle of the first pixel; None: by the dark borders of
             lenslets, else half a pitch from the corner.

@@ -64,7 +64,7 @@ class ReadOptions:
     reverse_v: bool = False
     reverse_u: bool = False
     pattern: str | None = None
-    lenslet: int = LENSLET
+    lenslet: int | None = None
     pitch: Pair | None = None
     """Distance between rows, and between the lenslets of a row, in pixels."""
     offset: Pair | None = None
@@ -102,7 +102,11 @@ class ReadOptions:
                 options["calibration"] = Path(options["calibration"])
             own = cls(**options)
             (_, _), (_, _), (black, white) = own.size or (1, 1), own.offset or (0, 0), own.value_range or (0, 1)
-            is_possible = own.lenslet >= 1 and min(own.spacing or (1, 1)) > 0 and abs(own.rotation or 0) <= 45
+            is_possible = (
+                (own.lenslet is None or own.lenslet >= 1)
+                and min(own.spacing or (1, 1)) > 0
+                and abs(own.rotation or 0) <= 45
+            )
             is_possible = (
                 is_possible
                 and black < white

@@ -54,3 +54,17 @@ def white_image(lattice: Lattice, size: tuple[int, int], width=0.34) -> NDArray:
     spot = np.exp(-((np.linalg.norm(direction, axis=-1) / (width * lattice.pitch[1])) ** 2) / 2)
     y, x = (np.linspace(-1, 1, length) for length in size)
     return spot * (1 - 0.2 * (y[:, None] ** 2 + x**2))
+
+
+def squares_in_the_dark(slopes, pitch=21, n=60) -> NDArray:
+    """Three bright squares at each slope, in the dark, behind n x n aligned lenslets with round pupils, [H, W]."""
+    rng, reach = np.random.default_rng(1), np.arange(pitch) - pitch // 2
+    y, x = np.mgrid[:n, :n]
+    image = np.zeros((n, pitch, n, pitch))
+    for slope in np.repeat(slopes, 3):
+        centre, half, light = rng.uniform(8, n - 8, 2), rng.uniform(3, 6), rng.uniform(0.4, 1)
+        for i, j in itertools.product(range(pitch), repeat=2):
+            if math.hypot(reach[i], reach[j]) <= pitch / 2:
+                far = np.maximum(abs(y - centre[0] - slope * reach[i]), abs(x - centre[1] - slope * reach[j]))
+                image[:, i, :, j] += light * (far <= half)
+    return image.reshape(n * pitch, n * pitch) / image.max()

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 import torch
+from scipy import ndimage
 
 from lfref.errors import FileError, LfrefError
 from lfref.io import images, lenslet_lattice, lenslets, read
 from lfref.io.lenslet_lattice import upright
+from lfref.refocus.focus.slope_range import disparity_of_reduced, reduce_views, slope_range
 from tests.io import lytro_drawing, photographs
-from tests.io.lenslet_drawing import lenslet_image, made, scene, white_image
+from tests.io.lenslet_drawing import lenslet_image, made, scene, squares_in_the_dark, under, white_image
 from tests.io.photographs import sensor
 
 
@@ -166,9 +168,8 @@ def test_views_of_the_real_capture_are_none_and_its_lenslets_are(lytro, tmp_path
     np.testing.assert_array_equal(
         read.read(tmp_path / "b.png", lenslet=9, angular_size=9, encoding="none").views, views
     )
-    for wrong in (3, 7, 10, 14, 18):
-        with pytest.raises(FileError):
-            read.read(tmp_path / "b.png", lenslet=wrong)
+    with pytest.raises(FileError, match=r"set reader\.lenslet=9"):
+        read.read(tmp_path / "b.png")
 
 
 def aligned(pitch: int, rows=30, columns=36, extra=0) -> np.ndarray:
@@ -186,24 +187,53 @@ def test_a_pitch_beyond_those_that_are_searched_is_believed(tmp_path):
 
 
 @pytest.mark.parametrize(("pitch", "extra"), [(7, 4), (15, 0)])
-def test_only_the_right_pitch_is_read_whether_or_not_it_divides_the_size(tmp_path, pitch, extra):
+def test_the_pitch_is_proposed_and_another_is_believed_with_a_warning(tmp_path, caplog, pitch, extra):
     image = aligned(pitch, extra=extra)
     images.write_image(tmp_path / "a.png", image)
-    expected = images.to_float(lenslets.unpack(image, pitch))
-    view = read.read(tmp_path / "a.png", lenslet=pitch, angular_size=1, start=1, encoding="none").views[0, 0]
-    np.testing.assert_array_equal(view, expected[1, 1])
-    for wrong in {7, 9, 15} - {pitch}:
-        with pytest.raises(FileError, match=rf"set reader\.lenslet={pitch}"):
-            read.read(tmp_path / "a.png", lenslet=wrong)
+    with pytest.raises(FileError, match=rf"set reader\.lenslet={pitch}"):
+        read.read(tmp_path / "a.png")
+    for given in (7, 9, 15):
+        caplog.clear()
+        view = read.read(tmp_path / "a.png", lenslet=given, angular_size=1, start=1, encoding="none").views[0, 0]
+        np.testing.assert_array_equal(view, images.to_float(lenslets.unpack(image, given))[1, 1])
+        assert (f"looks like lenslets of {pitch}" in caplog.text) == (given != pitch)
 
 
-@pytest.mark.parametrize("pitch", [4, 8, 16])
-def test_blocks_of_jpeg_are_no_lenslets(tmp_path, pitch):
+def test_blocks_of_jpeg_are_no_lenslets(tmp_path):
     soft = np.repeat(255 * photographs.landscape((400, 400), power=2.0)[..., None], 3, axis=2).astype(np.uint8)
     images.write_image(tmp_path / "a.jpg", soft, quality=50)
+    with pytest.raises(FileError, match="shows none"):
+        read.read(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("slopes", [[2.1], [-1.2, 1.2], [0.4]])
+def test_bright_squares_in_the_dark_are_read_by_the_given_pitch_and_no_other_is_proposed(tmp_path, slopes):
+    images.write_image(tmp_path / "a.png", squares_in_the_dark(slopes)[..., None], bits=16)
     with pytest.raises(FileError) as error:
-        read.read(tmp_path / "a.jpg", lenslet=pitch)
-    assert f"reader.lenslet={pitch}" not in str(error.value)
+        read.read(tmp_path / "a.png")
+    assert "reader.lenslet=21" in str(error.value) or "reader.pitch" not in str(error.value)
+    found = slope_range(disparity_of_reduced(reduce_views(read.read(tmp_path / "a.png", lenslet=21).views)))
+    assert found == pytest.approx((min(slopes), max(slopes)), abs=0.8)
+
+
+@pytest.mark.parametrize(
+    ("pitch", "motion", "is_hexagonal"), [(74.66, 12.0, False), (46.7, 9.0, False), (33.4, 7.0, True)]
+)
+def test_focused_cameras_are_named(tmp_path, caplog, pitch, motion, is_hexagonal):
+    lattice = made(pitch, 0, is_hexagonal)
+    place, direction = under(lattice, (1100, 1100))
+    sharp = ndimage.gaussian_filter(np.random.default_rng(4).normal(size=(700, 700)), 1.5)
+    at = [200 + motion * place[..., k] - 0.9 * direction[..., k] for k in (0, 1)]  # upside down
+    picture = 0.5 + ndimage.map_coordinates(sharp / sharp.std() / 8, at, order=1, mode="wrap")
+    picture *= abs(direction).max(axis=-1) < 0.43 * pitch
+    images.write_image(tmp_path / "a.png", picture[..., None])
+    read.read(tmp_path / "a.png", pitch=pitch, lattice=lattice.name)
+    assert "a focused camera" in caplog.text
+    # Detail behind the lenslets of other cameras moves as much, and is as wide.
+    images.write_image(tmp_path / "b.png", lenslet_image(lattice, (1100, 1100))[..., None])
+    caplog.clear()
+    read.read(tmp_path / "b.png", pitch=pitch, lattice=lattice.name)
+    assert "a focused camera" not in caplog.text
 
 
 def test_aligned_lenslets_with_dark_gaps_are_read_as_their_pixels(tmp_path):

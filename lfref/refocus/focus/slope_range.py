@@ -36,6 +36,9 @@ REACH = 3
 BLACK = 0.15
 """A view, or a pixel in a corner of a view, counts as black if its root of light is below this share of the reference's
 mean: the edge of a black corner stands still, and looks like motion."""
+LARGEST_CORNERS = 0.5
+"""Share of the reference that is black corners, from which it is the scene that is black: an image circle fills .59 of
+a frame of 4:3."""
 TRUSTED = 0.5
 """Mean weight of the samples of a reduced pixel from which it is used."""
 EVEN = 0.03
@@ -157,6 +160,7 @@ def reduce_views(views: Tensor, weight: Tensor | None = None, positions: Tensor 
     black = pictures < BLACK * level[0]
     along_x, along_y = ((black.cumprod(axis) + black.flip(axis).cumprod(axis).flip(axis)).bool() for axis in (2, 1))
     corners = F.max_pool2d((along_x & along_y).float(), 5, 1, 2) > 0
+    corners &= corners[0].float().mean() < LARGEST_CORNERS
     weights = weights * ~(corners | (level <= BLACK * level[0])[:, None, None])
     steps = torch.stack([cameras[index] - cameras[indices[0]] for index in indices])
     return ReducedViews(_evened(pictures, weights, steps), weights, tuple(indices), steps, factor)
