@@ -4,8 +4,8 @@ The errors are also `ValueError` or `OSError`, so that callers who do not know l
 """
 
 import os
-from collections.abc import Mapping
-from typing import TypeVar
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
 
 Value = TypeVar("Value")
 
@@ -17,13 +17,17 @@ class LfrefError(Exception):
         expected: What was expected, as the start of a sentence.
         got: What lfref got instead.
         remedy: What the user can do.
+        proposals: Options of the reader that may work, each a mapping; `lfref.read` names the first that does.
 
     Example:
         >>> print(LfrefError("alpha must be above 0", got=-1, remedy="alpha = 1 is the captured focus"))
         alpha must be above 0; got -1; alpha = 1 is the captured focus
     """
 
-    def __init__(self, expected: str, *, got: object = "", remedy: str = "") -> None:
+    def __init__(
+        self, expected: str, *, got: object = "", remedy: str = "", proposals: Iterable[Mapping[str, Any]] = ()
+    ) -> None:
+        self.expected, self.got, self.proposals = expected, got, list(proposals)
         # An error of a DataLoader worker arrives as the text of a whole traceback, which ends in the error itself.
         if expected.startswith("Caught "):
             expected = expected.rpartition("Error: ")[2].strip() or expected

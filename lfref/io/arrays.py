@@ -172,7 +172,8 @@ def _likely_axes(array: StoredArray, path: Path) -> str:
     if len(possible) == 1:
         return possible[0]
     got = f"shape {_times(array.shape)}, which may be {' or '.join(possible) or 'none that is known'}"
-    raise InputError(f"{path} must say what its axes are", got=got, remedy="set reader.axes, for example vuhwc")
+    remedy, proposals = "set reader.axes, for example vuhwc", [{"axes": order} for order in possible]
+    raise InputError(f"{path} must say what its axes are", got=got, remedy=remedy, proposals=proposals)
 
 
 def _check(array: StoredArray, axes: str, path: Path) -> None:
@@ -207,8 +208,8 @@ def _radiances(views: NDArray, options: ReadOptions, path: Path) -> NDArray:
     is_whole = kind.kind in "iu" or (kind.kind == "f" and views.max() > 1 and not np.any(views % 1))
     if kind.kind not in "iuf" or (is_whole and options.value_range is None):
         expected, got = f"{path} must hold uint8, uint16 or floats in [0, 1]", views.dtype
-        remedy = "set reader.value_range=[{:g},{:g}]".format(*samples.likely_range(views)) if is_whole else "convert it"
-        raise FileError(expected, got=got, remedy=remedy)
+        proposals = [{"value_range": samples.likely_range(views)}] if is_whole else []
+        raise FileError(expected, got=got, remedy="convert it", proposals=proposals)
     light = views.astype(np.float32)
     images.check_finite(light, path)
     return light

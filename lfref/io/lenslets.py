@@ -63,18 +63,16 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
     grey, lenslet = _grey(image), options.lenslet or LENSLET
     found = find_lenslets(grey, lenslet, is_jpeg)
     if not isinstance(found, Lattice) or options.lenslet is not None:
-        if isinstance(found, Lattice):
-            found = round(found.pitch[1], 2)
-        _check_aligned(grey, path, lenslet, found, is_given=options.lenslet is not None)
+        shown = round(found.pitch[1], 2) if isinstance(found, Lattice) else found
+        _check_aligned(grey, path, lenslet, shown, is_given=options.lenslet is not None)
         most = options.angular_size or (min(DEFAULT_VIEWS, lenslet),) * 2
         keep = options.window((lenslet,) * 2, path, most)
         colours, weight = split_weight(unpack(image, lenslet)[keep], axis=2)
         return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(image)))
-    lattice = found
-    option = f"reader.lattice={lattice.name} reader.pitch=[{lattice.pitch[0]:.3f},{lattice.pitch[1]:.3f}]"
-    place = f"reader.offset=[{lattice.origin[0]:.2f},{lattice.origin[1]:.2f}] reader.rotation={lattice.rotation:.3f}"
+    option = f"reader.lattice={found.name} reader.pitch=[{found.pitch[0]:.3f},{found.pitch[1]:.3f}]"
+    place = f"reader.offset=[{found.origin[0]:.2f},{found.origin[1]:.2f}] reader.rotation={found.rotation:.3f}"
     log.info("%s: lenslets found as by %s %s", path, option, place)
-    return _resampled_views(path, image, options, lattice)
+    return _resampled_views(path, image, options, found)
 
 
 def find_lenslets(grey: NDArray, likely: int, is_jpeg: bool = False) -> Lattice | int | None:
@@ -105,15 +103,16 @@ def _shown_lattice(grey: NDArray) -> Lattice | None:
 
 def _check_aligned(grey: NDArray, path: Path, lenslet: int, shown: float | None, is_given: bool) -> None:
     """Refuse an image [H, W] that shows no lenslets of this size; if the size was given, warn; small ones pass."""
-    size, got, remedy = min(grey.shape), "", f"give a folder of views, or set reader.lenslet={lenslet} to read it"
+    size, got = min(grey.shape), ""
+    proposals: list[dict[str, object]] = []
     if size < lenslet:
         raise FileError(f"{path} must hold a lenslet of {lenslet} pixels", got=f"{grey.shape[0]}x{grey.shape[1]}")
     if lenslet < SHORTEST_PITCH or not np.ptp(grey):
         return
     if shown != lenslet and (grid := sheets.likely_grid(grey)) is not None:
-        got, remedy = "views side by side", f"set reader.grid=[{grid[0]},{grid[1]}]"
+        got, proposals = "views side by side", [{"grid": grid}]
     elif shown not in (None, lenslet) and size >= FEWEST_LENSLETS * shown:
-        got, remedy = f"lenslets of {shown}", f"set reader.lenslet={shown}"
+        got, proposals = f"lenslets of {shown}", [{"lenslet": shown}]
     elif size < FEWEST_LENSLETS * lenslet:
         message = "%s is read as %d lenslets of %d pixels along its shorter side; a photograph is no light field"
         log.warning(message, path, size // lenslet, lenslet)
@@ -129,7 +128,9 @@ def _check_aligned(grey: NDArray, path: Path, lenslet: int, shown: float | None,
     if got and is_given:
         log.warning("%s is read as lenslets of %d pixels, as given, but looks like %s", path, lenslet, got)
     elif got:
-        raise FileError(f"{path} must hold aligned lenslets of {lenslet} pixels", got=got, remedy=remedy)
+        expected = f"{path} must hold aligned lenslets of {lenslet} pixels"
+        remedy = f"give a folder of views, or set reader.lenslet={lenslet} to read it"
+        raise FileError(expected, got=got, remedy=remedy, proposals=proposals)
 
 
 def _focused(grey: NDArray, lattice: Lattice) -> str:

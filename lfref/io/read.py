@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lfref.errors import FileError, InputError, first_line
+from lfref.errors import FileError, InputError, LfrefError, first_line
 from lfref.geometry import FocalPlanes
 from lfref.io import arrays, atomic, exr, images, lenslets, lytro, lytro_files, sheets, video, view_folders
 from lfref.io.samples import ReadOptions, Samples, likely_range
@@ -215,7 +215,10 @@ def read(
     given = {name: value for name, value in locals().items() if name != "path"}
     options, path = ReadOptions.parse(**given), Path(path)
     form = format_of(path)
-    samples = form.decode(path, options)
+    try:
+        samples = form.decode(path, options)
+    except LfrefError as error:
+        raise _with_working_proposal(error, form, path, options) from error
     height, width = samples.colours.shape[-2:]
     rows, columns = options.size or (height, width)
     if not (1 <= rows <= height and 1 <= columns <= width):
@@ -251,6 +254,23 @@ def read(
         is_linear=tone.is_known,
         positions=None if stood is None else torch.from_numpy(stood[:: signs[0], :: signs[1]] * signs),
     )
+
+
+def _with_working_proposal(error: LfrefError, form: Format, path: Path, options: ReadOptions) -> LfrefError:
+    """The error, whose remedy is the first of its proposed options with which the file is read, if there is one."""
+    for proposal in error.proposals:
+        with suppress(LfrefError):
+            form.decode(path, replace(options, **proposal))
+            words = [f"reader.{name}={written(value, options.transpose)}" for name, value in proposal.items()]
+            return type(error)(error.expected, got=error.got, remedy=f"set {' '.join(words)}")
+    return error
+
+
+def written(value: Any, is_transposed: bool = False) -> str:
+    """The value of an option as a command line takes it; users count rows and columns of the light field."""
+    if isinstance(value, tuple):
+        return "[{:g},{:g}]".format(*(reversed(value) if is_transposed and isinstance(value[0], int) else value))
+    return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def read_stack(path: str | Path) -> tuple[Tensor, FocalPlanes]:

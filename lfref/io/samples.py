@@ -127,8 +127,9 @@ class ReadOptions:
             first = (n_views - count + 1) // 2 if self.start is None else self.start
             if count < 1 or first < 0 or first + count > n_views:
                 got = f"views {count}, start {'in the middle' if self.start is None else first}"
-                remedy = "choose reader.angular_size and reader.start to fit"
-                raise InputError(f"views to keep must be among the {n_views} of {path}", got=got, remedy=remedy)
+                remedy, whole = "choose reader.angular_size and reader.start to fit", {"angular_size": tuple(grid)}
+                expected = f"views to keep must be among the {n_views} of {path}"
+                raise InputError(expected, got=got, remedy=remedy, proposals=[whole, whole | {"start": None}])
             slices.append(slice(first, first + count))
         return slices[0], slices[1]
 
@@ -139,6 +140,12 @@ def likely_range(colours: NDArray) -> Pair:
     if low < 0:
         return (-1.0, 1.0) if low >= -1.05 and high <= 1.05 else (low, high)
     return 0.0, next((white for white in WHITES if high <= white), high)
+
+
+def grids_of(count: int) -> list[dict[str, Any]]:
+    """Options for grids of so many views, the squarest first, those with more columns than rows before others."""
+    sides = [rows for rows in range(math.isqrt(count), 0, -1) if count % rows == 0]
+    return [{"grid": grid} for rows in sides for grid in ((rows, count // rows), (count // rows, rows))]
 
 
 def extent(cells: Iterable[Cell]) -> Cell:
@@ -168,7 +175,7 @@ def check_holes(cells: Iterable[Cell], shape: Cell, path: Path, allowed: bool | 
         row, column = next(divmod(n, columns) for n in range(rows * columns) if divmod(n, columns) not in present)
         expected = f"{path} must hold a view for each row and column"
         got = f"none in row {row}, column {column} ({n_holes} of {rows * columns} missing)"
-        raise FileError(expected, got=got, remedy="add them, or set reader.holes=true")
+        raise FileError(expected, got=got, remedy="add them", proposals=[{"holes": True}])
 
 
 def gather(

@@ -70,7 +70,11 @@ def _spans(image: NDArray, axis: int, count: int, path: Path) -> tuple[list[int]
         return begins.tolist(), int(sides.min())
     if length % count or length < count:
         expected = f"{path} must hold {count} {'columns' if axis else 'rows'} of views of one size"
-        raise FileError(expected, got=f"{length} pixels", remedy="set reader.grid=[rows,columns], or cut the picture")
+        remedy, shown = (
+            "set reader.grid=[rows,columns], or cut the picture",
+            likely_grid(split_weight(image)[0].mean(2)),
+        )
+        raise FileError(expected, got=f"{length} pixels", remedy=remedy, proposals=[{"grid": shown}] if shown else [])
     return list(range(0, length, length // count)), length // count
 
 

@@ -44,7 +44,8 @@ def decode_film(path: Path, options: ReadOptions) -> Samples:
     if not is_known or count < 2 or (options.angular_size is None and count > MOST_FRAMES):
         expected = f"{path} must be a film of 2 to {MOST_FRAMES} views, numbered row by row"
         remedy = f"set reader.grid, reader.angular_size, or reader.pattern={' or '.join(STILL)}"
-        raise InputError(expected, got=counted(count, "picture"), remedy=remedy)
+        proposals = samples.grids_of(count) if options.grid else []
+        raise InputError(expected, got=counted(count, "picture"), remedy=remedy, proposals=proposals)
     rows, columns = options.window(shape, path)
     cells: dict[samples.Cell, int] = {}
     frames: dict[int, Frame] = {}

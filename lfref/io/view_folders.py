@@ -166,7 +166,8 @@ def _square_or_option(
         return shape, base
     expected = f"{folder} must hold a square number of views, or those of reader.grid, numbered row by row"
     got = f"{counted(count, 'view')} like {field[0].string}, numbered {first} to {last}"
-    raise FileError(expected, got=got, remedy="add the missing views, or set reader.grid=[rows,columns]")
+    remedy = "add the missing views, or set reader.grid=[rows,columns]"
+    raise FileError(expected, got=got, remedy=remedy, proposals=samples.grids_of(count))
 
 
 def square(first: int, last: int, count: int) -> tuple[int, int] | None:
@@ -207,12 +208,14 @@ def _only_field(folder: Path, pattern: str | None) -> list[Named]:
         fields = fields or [field for field in numbered_fields(files) if _looks_like_views(field)] or named
     if len(fields) != 1:
         names = [field[0].string for field in fields[:2]] or [path.name for path in files[:1]] or ["none"]
+        below = [child.name for child in sorted(folder.iterdir()) if child.is_dir() and is_field(child)]
         got = f"{counted(len(files), 'image')} named like {' and '.join(names)}"
-        remedy = r"""set reader.pattern: index (row by row), or 'reader.pattern="(?P<row>\d+)at(?P<column>\d+)"'"""
-        if below := [child.name for child in sorted(folder.iterdir()) if child.is_dir() and is_field(child)]:
-            remedy = f"read {folder / below[0]}"
+        remedy = "give a regular expression with groups row and column as reader.pattern"
+        proposals = [{"pattern": "index"} | grid for grid in [{}, *samples.grids_of(len(files))]]
+        if below:
+            remedy, proposals = f"read {folder / below[0]}", []
         expected = f"{folder} must hold the views of one light field, whose names say their rows and columns"
-        raise FileError(expected, got=got, remedy=remedy)
+        raise FileError(expected, got=got, remedy=remedy, proposals=proposals)
     return fields[0]
 
 
