@@ -19,6 +19,7 @@ _HOMES = {
     "inspect": "lfref.captures.inspect",
     "shift_and_sum": "lfref.refocus.shift.shift_and_sum",
     "shift_and_sum_antialiased": "lfref.refocus.shift.shift_and_sum_antialiased",
+    "shift_and_median": "lfref.refocus.shift.shift_and_median",
     "exact_fourier": "lfref.refocus.fourier.exact",
     "fourier_slice": "lfref.refocus.fourier.slice",
     "focal_stack_transform": "lfref.refocus.fourier.focal_stack_transform",

@@ -22,7 +22,7 @@ SEED = 11
 
 def export(config: DictConfig, folder: Path) -> None:
     """Write `NAME.SUFFIX`, if its pictures are those of the refocuser; `config` is `conf/export.yaml`."""
-    planes, aperture = fixed_planes(config), configs.build(config.aperture)
+    planes, aperture = fixed_planes(config), steps.aperture_for(config, None)
     refocuser: Refocuser = configs.build(config.method) if config.checkpoint is None else steps.checkpoints(config)[0]
     if config.checkpoint is None and getattr(aperture, "func", aperture) is not apertures.full:
         refocuser = refocuser.through(aperture)

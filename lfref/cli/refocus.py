@@ -35,6 +35,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
     def read(_: str, path: Path) -> LightField:
         field = steps.read_field(path, config, [refocuser])
+        steps.aperture_for(config, field)
         steps.check_memory(field, configured_planes, [refocuser])
         return field
 
@@ -44,7 +45,8 @@ def refocus(config: DictConfig, folder: Path) -> None:
     def compute(_: str, corrected: tuple[LightField, Corrections | None]) -> tuple[Refocused, Corrections | None]:
         field, corrections = corrected
         planes = planes_of(configured_planes, field)
-        stack = steps.refocus_field(refocuser, field, planes.slopes, device)
+        method = refocuser.through(steps.aperture_for(config, field))
+        stack = steps.refocus_field(method, field, planes.slopes, device)
         return Refocused(field, stack, planes, steps.gain(field, config), files), corrections
 
     def write(name: str, result: tuple[Refocused, Corrections | None]) -> None:
@@ -64,13 +66,16 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
 def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Planes]:
     """The method or trained network with its planes; a network has its own unless the command line names others."""
-    aperture = configs.build(config.aperture)
-    given = (
+    refocuser = (
         configs.build(config.method).to(device) if config.checkpoint is None else steps.checkpoints(config, device)[0]
     )
-    refocuser = given.through(aperture)
-    if refocuser is given and getattr(aperture, "func", aperture) is not apertures.full:
-        expected, remedy = f"{given.name} weighs the views by itself", "leave aperture out, or choose another method"
+    refocuser = steps.combined(refocuser, config.combine)
+    is_full = config.aperture == {**config.aperture, "_target_": "lfref.refocus.apertures.full", "f_number": None}
+    if refocuser.through(apertures.full) is refocuser and not is_full:
+        expected, remedy = (
+            f"{refocuser.name} weighs the views by itself",
+            "leave aperture out, or choose another method",
+        )
         raise InputError(expected, got="an aperture", remedy=remedy)
     planes = steps.planes_for(config, [refocuser])
     if isinstance(planes, FocalPlanes):

@@ -28,8 +28,11 @@ from lfref.io import atomic, images, samples, view_folders
 from lfref.io import read as reader
 from lfref.lightfield import LightField
 from lfref.refocus.scene import analyze_scene
+from lfref.refocus.shift.shift_and_median import shift_and_median
+from lfref.refocus.shift.shift_and_sum import shift_and_sum
+from lfref.refocus.shift.shift_and_sum_antialiased import shift_and_sum_antialiased
 from lfref.refocuser.load import CPU, load
-from lfref.refocuser.refocuser import Refocuser, name_apart
+from lfref.refocuser.refocuser import Aperture, OperatorRefocuser, Refocuser, name_apart
 from lfref.report.refocused import brightening
 
 COPIES = 2.2
@@ -111,6 +114,38 @@ def read_field(path: Path, config: DictConfig, refocusers: Sequence[Refocuser] =
     if advice := view_path.advice(field):
         log.warning("%s: %s", field.name, advice)
     return field
+
+
+def aperture_for(config: DictConfig, field: LightField | None) -> Aperture:
+    """The configured aperture; one of an f-number is as much smaller than the grid as it is than the lens's."""
+    options = configs.plain(config.aperture)
+    f_number = options.pop("f_number")
+    if f_number is None:
+        return configs.build(options)
+    if field is None or "f-number" not in field.metadata:
+        expected, remedy = (
+            "aperture.f_number needs a file that states the f-number of the lens",
+            "set aperture.diameter",
+        )
+        raise InputError(expected, got="none", remedy=f"{remedy}, in view steps")
+    # Of a lens that is as wide as one view.
+    of_view = min(map(float, field.metadata["lens views"].split("x"))) * float(field.metadata["f-number"])
+    if f_number * min(field.grid) < of_view:
+        least = of_view / min(field.grid)
+        expected = f"aperture.f_number must be at least {least:.3g}, that of the {field.grid[0]}x{field.grid[1]} views"
+        raise InputError(expected, got=f_number, remedy="read more views by reader.angular_size")
+    shape = options if "diameter" in options else {"_target_": "lfref.refocus.apertures.disc", "_partial_": True}
+    return configs.build(shape | {"diameter": of_view / f_number})
+
+
+def combined(refocuser: Refocuser, how: str) -> Refocuser:
+    """The method with another combination of the shifted views: `mean`, or `median` of sums of views."""
+    if how == "mean":
+        return refocuser
+    if how != "median" or getattr(refocuser, "function", None) not in (shift_and_sum, shift_and_sum_antialiased):
+        remedy = "method=shift_and_sum combine=median"
+        raise InputError("combine must be mean, or median of sums", got=f"{how} of {refocuser.name}", remedy=remedy)
+    return OperatorRefocuser(f"{refocuser.name}, median", shift_and_median)
 
 
 def check_memory(field: LightField, planes: Planes, refocusers: Sequence[Refocuser]) -> None:

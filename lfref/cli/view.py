@@ -22,8 +22,7 @@ from lfref.viewer import view_page
 def view(config: DictConfig, folder: Path) -> None:
     """Write a page for each light field; several get a result folder each, and a gallery of the pages."""
     device = device_of(config.device)
-    aperture, quality = configs.build(config.aperture), configs.build(config.page_quality)
-    refocusers = [method.through(aperture) for method in steps.compared_methods(config, device)]
+    quality, refocusers = configs.build(config.page_quality), steps.compared_methods(config, device)
     configured_planes: Planes = configs.build(config.planes)
     fields, flat_field = steps.find_fields(config), steps.flat_field_of(config, refocusers)
     places = steps.result_folders(config, folder, fields)
@@ -49,9 +48,11 @@ def view(config: DictConfig, folder: Path) -> None:
         if planes is None:
             planes = planes_of(configured_planes, field) if truth is None else truth[1]
         gain = steps.gain(field, config)
+        aperture = steps.aperture_for(config, field)
+        methods = [method.through(aperture) for method in refocusers]
         shown = {
             method.name: Refocused(field, steps.refocus_field(method, field, planes.slopes, device), planes, gain)
-            for method in steps.of_scene(refocusers, field, device)
+            for method in steps.of_scene(methods, field, device)
         }
         if truth is not None:
             shown["truth"] = Refocused(field, steps.checked_truth(truth, field, planes), planes, gain)
@@ -62,7 +63,7 @@ def view(config: DictConfig, folder: Path) -> None:
     def write_page(name: str, shown: dict[str, Refocused]) -> None:
         place, field = places[name] / "index.html", next(iter(shown.values())).field
         title = config.title or field.name
-        weights = torch.ones(1, 1) if field.grid == (1, 1) else aperture(field.grid)
+        weights = torch.ones(1, 1) if field.grid == (1, 1) else steps.aperture_for(config, field)(field.grid)
         uneven = None if bool((weights == weights.max()).all()) else weights
         content = view_page.page_content(shown, uneven, quality)
         written = view_page.write(place, title, _facts(shown), content)

@@ -68,7 +68,12 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
         most = options.angular_size or (min(DEFAULT_VIEWS, lenslet),) * 2
         keep = options.window((lenslet,) * 2, path, most)
         colours, weight = split_weight(unpack(image, lenslet)[keep], axis=2)
-        return Samples(colours, weight, images.encoding_of(path, options.encoding, images.usual_encoding(image)))
+        return Samples(
+            colours,
+            weight,
+            images.encoding_of(path, options.encoding, images.usual_encoding(image)),
+            (lenslet, lenslet),
+        )
     option = f"reader.lattice={found.name} reader.pitch=[{found.pitch[0]:.3f},{found.pitch[1]:.3f}]"
     place = f"reader.offset=[{found.origin[0]:.2f},{found.origin[1]:.2f}] reader.rotation={found.rotation:.3f}"
     log.info("%s: lenslets found as by %s %s", path, option, place)
@@ -260,7 +265,7 @@ def _resampled_views(path: Path, image: NDArray, options: ReadOptions, lattice: 
         weight = trust if weight is None else weight * trust
         weight = weight if weight.min() < 1 else None
     # `read` decodes all formats alike: give back samples of the file's encoding.
-    return Samples(images.encoded(views, tone), weight, tone)
+    return Samples(images.encoded(views, tone), weight, tone, lattice.pitch)
 
 
 def evened(views: NDArray[np.float32], white: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -72,7 +72,7 @@ def decode_raw(path: Path, options: ReadOptions) -> Samples:
     weight = None
     if white is not None:
         weight = (lenslets.sampled(white[..., None], lattice, options, path) / lenslets.DARK).clip(0, 1)
-    return Samples(views, weight, encodings.NONE if options.encoding == "none" else encodings.LINEAR)
+    return Samples(views, weight, encodings.NONE if options.encoding == "none" else encodings.LINEAR, lattice.pitch)
 
 
 def _white_light(image: RawImage, path: Path | None, pattern: Mosaic) -> NDArray[np.float32] | None:

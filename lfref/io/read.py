@@ -223,7 +223,7 @@ def read(
     rows, columns = options.size or (height, width)
     if not (1 <= rows <= height and 1 <= columns <= width):
         raise InputError(f"size must lie within the {height}x{width} views of {path}", got=f"{rows}x{columns}")
-    colours, weight, tone = samples
+    colours, weight, tone, lens_views = samples
     colours, weight = colours[..., :rows, :columns], None if weight is None else weight[..., :rows, :columns]
     if options.value_range is not None:
         black, white = options.value_range
@@ -234,6 +234,8 @@ def read(
     present = np.asarray(np.ones(colours.shape[:2], bool) if weight is None else weight.any(axis=(2, 3, 4)))
     entries = read_metadata(path) | {"path": str(path), "format": form.name}
     entries |= {"bits": BITS[colours.dtype.name], "encoding": str(tone)}
+    lens_views = lens_views or colours.shape[:2]
+    entries["lens views"] = "{:.4g}x{:.4g}".format(*(lens_views[::-1] if transpose else lens_views))
     if not present.all():
         entries["missing"] = f"{(~present).sum()} of {present.size} views"
     if (rows, columns) != (height, width):

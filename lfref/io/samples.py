@@ -43,6 +43,8 @@ class Samples(NamedTuple):
     weight: NDArray | None
     """Trust in each sample, uint8, uint16 or float32, [V, U, 1, H, W]; None: 1 everywhere."""
     encoding: Encoding
+    lens_views: Pair | None = None
+    """Height and width of the lens in view steps, where some of its views were chosen; None: the grid."""
 
 
 def split_weight(samples: NDArray, axis: int = -1) -> tuple[NDArray, NDArray | None]:

@@ -193,7 +193,7 @@ def decode_folder(folder: Path, options: ReadOptions) -> Samples:
         log.info("%s: left out %s, since they are no views: %s", folder, counted(len(others), "picture"), names)
     colours, weight = samples.gather(paths, options.window(shape, folder), images.read_image)
     tone = images.encoding_of(next(iter(paths.values())), options.encoding, images.usual_encoding(colours))
-    return Samples(colours, weight, tone)
+    return Samples(colours, weight, tone, shape)
 
 
 def _only_field(folder: Path, pattern: str | None) -> list[Named]:

@@ -11,6 +11,7 @@ from lfref.io.run import Run
 from lfref.nets import checkpoint
 from lfref.refocus import apertures
 from lfref.refocus.focus.all_in_focus import extended_focus
+from lfref.refocus.shift.shift_and_median import shift_and_median
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 from lfref.report import answers
 from lfref.report.tables import read_table
@@ -55,6 +56,36 @@ def test_refocus_writes_the_stack_through_an_aperture_and_a_picture_sharp_everyw
     for name, light in (("planes/plane_01_slope_0_alpha_1", stack[1]), ("all_in_focus", sharp)):
         shown = OpenImageIO.ImageBuf(str(tmp_path / "out" / f"{name}.png")).get_pixels("float")
         assert abs(torch.from_numpy(shown) - SRGB.encode(light).permute(1, 2, 0)).max() <= 0.5 / 255 + 1e-6
+
+
+def test_refocus_by_the_median_of_the_views(lfref, trained, tmp_path):
+    field = trained / "scenes" / "simulated_s0_e0_000"
+    assert lfref("refocus", field, "combine=median", "slopes=[0.4]", f"output={tmp_path}/out")[0] == 0
+    torch.testing.assert_close(
+        read_stack(tmp_path / "out" / "stack.exr")[0], shift_and_median(read(field).views, [0.4])
+    )
+    status, error = lfref("refocus", field, "method=fourier_slice", "combine=median", f"output={tmp_path}/no")
+    assert (status, "median of fourier_slice" in error) == (1, True)
+
+
+def test_refocus_by_the_f_number_of_a_lens_that_the_file_states(lfref, trained, tmp_path):
+    field = trained / "scenes" / "simulated_s0_e0_000"
+    status, error = lfref("refocus", field, "aperture.f_number=8", f"output={tmp_path}/no")
+    assert (status, "states the f-number" in error) == (1, True)
+    views = read(field).views
+    spec = OpenImageIO.ImageSpec(72 * 14, 64 * 14, 3, "uint8")
+    spec.attribute("FNumber", 2.0)
+    eslf = torch.nn.functional.pad(views, (0, 0) * 3 + (4, 3, 4, 3)).permute(3, 0, 4, 1, 2).reshape(64 * 14, 72 * 14, 3)
+    buffer = OpenImageIO.ImageBuf(spec)
+    buffer.set_pixels(spec.roi, SRGB.encode(eslf).numpy())
+    buffer.write(str(tmp_path / "a.tif"))
+    words = ("reader.lenslet=14", "slopes=[0.4]", "method=shift_and_sum", "correct=none")
+    assert lfref("refocus", tmp_path / "a.tif", "aperture.f_number=8", *words, f"output={tmp_path}/out")[0] == 0
+    stack, expected = read_stack(tmp_path / "out" / "stack.exr")[0], apertures.disc((7, 7), 14 * 2 / 8)
+    views = read(tmp_path / "a.tif", lenslet=14).views
+    torch.testing.assert_close(stack, shift_and_sum(views, [0.4], weights=expected))
+    status, error = lfref("refocus", tmp_path / "a.tif", "aperture.f_number=2", *words, f"output={tmp_path}/no")
+    assert (status, "must be at least 4" in error) == (1, True)
 
 
 def test_refocus_by_a_checkpoint_makes_its_planes(lfref, trained, tmp_path):
