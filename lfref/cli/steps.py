@@ -129,7 +129,8 @@ def aperture_for(config: DictConfig, field: LightField | None) -> Aperture:
         )
         raise InputError(expected, got="none", remedy=f"{remedy}, in view steps")
     # Of a lens that is as wide as one view.
-    of_view = min(map(float, field.metadata["lens views"].split("x"))) * float(field.metadata["f-number"])
+    lens_views = field.metadata.get("lens views", "{}x{}".format(*field.grid)).split("x")
+    of_view = min(map(float, lens_views)) * float(field.metadata["f-number"])
     if f_number * min(field.grid) < of_view:
         least = of_view / min(field.grid)
         expected = f"aperture.f_number must be at least {least:.3g}, that of the {field.grid[0]}x{field.grid[1]} views"

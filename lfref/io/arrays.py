@@ -29,6 +29,8 @@ ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", 
 N_AXES = (4, 5)
 SUFFIXES = ".npy", ".npz", ".mat", ".h5", ".hdf5"
 USUAL_NAME = "lf"
+MOST_BANDS = 256
+"""Most channels of a spectral camera for which axes are proposed."""
 """Usual name of the light field if a file has several arrays, in small letters."""
 
 
@@ -162,27 +164,31 @@ def _chosen(arrays: list[StoredArray], name: str | None, path: Path) -> StoredAr
 def _likely_axes(array: StoredArray, path: Path) -> str:
     """The only one of `ORDERS` that a shape allows: at most 4 channels, and more pixels than views along each axis."""
 
-    def allows(order: str) -> bool:
+    def allows(order: str, most: int) -> bool:
         length = dict(zip(order, array.shape, strict=True))
         side = math.isqrt(length["n"]) if "n" in order else max(length["v"], length["u"])
         is_square = "n" not in order or side**2 == length["n"] > 1
-        return length.get("c", 1) <= 4 and is_square and side < min(length["h"], length["w"])
+        return length.get("c", 1) <= most and is_square and side < min(length["h"], length["w"])
 
-    possible = [order for order in ORDERS if len(order) == len(array.shape) and allows(order)]
+    orders = [order for order in ORDERS if len(order) == len(array.shape)]
+    possible = [order for order in orders if allows(order, most=4)]
     if len(possible) == 1:
         return possible[0]
     got = f"shape {_times(array.shape)}, which may be {' or '.join(possible) or 'none that is known'}"
-    remedy, proposals = "set reader.axes, for example vuhwc", [{"axes": order} for order in possible]
+    remedy, proposals = (
+        "set reader.axes, for example vuhwc",
+        [{"axes": order} for order in orders if allows(order, most=MOST_BANDS)],
+    )
     raise InputError(f"{path} must say what its axes are", got=got, remedy=remedy, proposals=proposals)
 
 
 def _check(array: StoredArray, axes: str, path: Path) -> None:
     """Refuse axes that no light field has or that do not fit the array, and empty arrays."""
-    named, channels = set(axes), dict(zip(axes, array.shape, strict=False)).get("c", 1)
+    named = set(axes)
     is_known = named & set("vun") in ({"v", "u"}, {"n"}) and set("hw") <= named <= set("vunhwc")
     is_known = is_known and len(named) == len(axes) == len(array.shape)
-    if not is_known or not 1 <= channels <= 4 or 0 in array.shape:
-        expected = f"{path} must have the axes v u (or n), h, w and perhaps c of 1 to 4 channels, none of them empty"
+    if not is_known or 0 in array.shape:
+        expected = f"{path} must have the axes v u (or n), h, w and perhaps c of channels, none of them empty"
         raise InputError(expected, got=f"shape {_times(array.shape)} as {axes}", remedy="set reader.axes, as vuhwc")
 
 

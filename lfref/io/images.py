@@ -160,12 +160,12 @@ def usual_encoding(samples: NDArray) -> Encoding:
 
 
 def read_part(source: OpenImageIO.ImageInput, path: Path, part: int = 0) -> NDArray:
-    """Samples of a part of an open file: uint8, uint16 or float32, alpha not multiplied in, [H, W, C] with C 1 to 4."""
+    """Samples of a part of an open file: uint8, uint16 or float32, alpha not multiplied in, [H, W, C]."""
     spec = source.spec(part)
     kind = str(spec.format)
-    if kind not in ARRAY_TYPES or not 1 <= spec.nchannels <= 4:
+    if kind not in ARRAY_TYPES or spec.nchannels < 1:
         got = f"{spec.nchannels} of {kind}"
-        raise FileError(f"{path} must hold 1 to 4 channels of {', '.join(ARRAY_TYPES)}", got=got, remedy="convert it")
+        raise FileError(f"{path} must hold channels of {', '.join(ARRAY_TYPES)}", got=got, remedy="convert it")
     samples = source.read_image(part, 0, 0, spec.nchannels, ARRAY_TYPES[kind])
     if (reason := source.geterror()) or samples is None:
         raise damaged(path, reason)
@@ -248,7 +248,7 @@ def sample_type(path: Path, bits: int | None) -> str:
 def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageSpec:
     height, width, n_channels = part.samples.shape
     spec = OpenImageIO.ImageSpec(width, height, n_channels, kind)
-    spec.channelnames = CHANNELS[n_channels]
+    spec.channelnames = CHANNELS.get(n_channels) or [f"band_{n:03d}" for n in range(n_channels)]
     spec.alpha_channel = -1
     attributes = {
         # Otherwise the PNG writer divides the colours by the fourth channel.

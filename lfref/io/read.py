@@ -234,8 +234,8 @@ def read(
     present = np.asarray(np.ones(colours.shape[:2], bool) if weight is None else weight.any(axis=(2, 3, 4)))
     entries = read_metadata(path) | {"path": str(path), "format": form.name}
     entries |= {"bits": BITS[colours.dtype.name], "encoding": str(tone)}
-    lens_views = lens_views or colours.shape[:2]
-    entries["lens views"] = "{:.4g}x{:.4g}".format(*(lens_views[::-1] if transpose else lens_views))
+    if lens_views not in (None, colours.shape[:2]):
+        entries["lens views"] = "{:.4g}x{:.4g}".format(*(lens_views[::-1] if transpose else lens_views))
     if not present.all():
         entries["missing"] = f"{(~present).sum()} of {present.size} views"
     if (rows, columns) != (height, width):

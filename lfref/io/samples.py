@@ -50,7 +50,7 @@ class Samples(NamedTuple):
 def split_weight(samples: NDArray, axis: int = -1) -> tuple[NDArray, NDArray | None]:
     """Colours, and the weight, which is the last of 2 or 4 channels along an axis."""
     n_channels = samples.shape[axis]
-    if n_channels % 2:
+    if n_channels not in (2, 4):
         return samples, None
     colours, weight = np.split(samples, [n_channels - 1], axis)
     return colours, weight

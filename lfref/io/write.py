@@ -63,7 +63,7 @@ def write_stack(
     encoding: Encoding = encodings.SRGB,
     overwrite: bool = False,
 ) -> Path:
-    """Write a refocused stack [N, C, H, W], C 1 or 3, as an EXR file, as it is, or as a folder of pictures."""
+    """Write a refocused stack [N, C, H, W], C 1 or 3, as an EXR file (C also above 4) or as a folder of pictures."""
     path = Path(path)
     _check(path, stack, overwrite)
     samples = (stack if path.suffix else encoding.encode(stack)).detach().to("cpu", torch.float32).numpy()
@@ -93,6 +93,8 @@ def write_pictures(
 def _check(path: Path, light: Tensor, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise FileError(f"{path} must be new", got="one that is there", remedy="choose another, or overwrite=True")
-    if path.suffix.lower() not in SUFFIXES or light.shape[-3] not in (1, 3):
-        expected = f"{path} must end in .exr, or have no suffix for a folder, and get 1 or 3 channels"
+    if path.suffix.lower() not in SUFFIXES or light.shape[-3] not in (1, 3, *range(5, 1000 if path.suffix else 0)):
+        expected = (
+            f"{path} must end in .exr, or have no suffix for a folder, and get 1 or 3 channels; EXR also more than 4"
+        )
         raise InputError(expected, got=light.shape[-3])

@@ -41,8 +41,13 @@ def common_exposure(mean_image: Tensor) -> float:
 
 
 def for_display(image: Tensor, exposure: float = 1.0, encoding: Encoding = SRGB) -> np.ndarray:
-    """An image [C, H, W] times the exposure, cut to [0, 1] (NaN is black), then encoded: float32 [H, W, 3]."""
+    """An image [C, H, W] times the exposure, cut to [0, 1] (NaN is black), then encoded: float32 [H, W, 3].
+
+    Of more than three channels, red is the mean of the last third, blue that of the first: waves get longer.
+    """
     array = _array(image)
+    if len(array) > 3:
+        array = np.stack([part.mean(0) for part in np.array_split(array, 3)[::-1]])
     clean = np.nan_to_num(array * np.float32(exposure), nan=0.0, posinf=0.0, neginf=0.0)
     shown = images.encoded(np.clip(clean, 0, 1), encoding)
     return np.broadcast_to(shown.transpose(1, 2, 0), (*array.shape[1:], 3))

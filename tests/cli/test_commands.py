@@ -1,5 +1,6 @@
 """Commands one after the other, as people run them: simulate, train, refocus, eval, bench, report."""
 
+import numpy as np
 import OpenImageIO
 import pytest
 import torch
@@ -56,6 +57,23 @@ def test_refocus_writes_the_stack_through_an_aperture_and_a_picture_sharp_everyw
     for name, light in (("planes/plane_01_slope_0_alpha_1", stack[1]), ("all_in_focus", sharp)):
         shown = OpenImageIO.ImageBuf(str(tmp_path / "out" / f"{name}.png")).get_pixels("float")
         assert abs(torch.from_numpy(shown) - SRGB.encode(light).permute(1, 2, 0)).max() <= 0.5 / 255 + 1e-6
+
+
+@pytest.mark.parametrize(
+    "method", ["shift_and_sum_antialiased", "fourier_slice", "separable_wiener", "blockwise_wiener"]
+)
+def test_bands_of_a_spectral_camera_pass_through_and_pictures_show_three(lfref, trained, tmp_path, method):
+    colours = read(trained / "scenes" / "simulated_s0_e0_000").views
+    bands = torch.cat([colours, 0.5 * colours, 0.25 * colours], 2)
+    np.save(tmp_path / "a.npy", bands.numpy())
+    words = ("reader.axes=vuchw", f"method={method}", "slopes=[0.4,-0.8]", "exposure=1", "correct=none")
+    assert lfref("refocus", tmp_path / "a.npy", *words, f"output={tmp_path}/out")[0] == 0
+    stack = read_stack(tmp_path / "out" / "stack.exr")[0]
+    assert stack.shape == (2, 9, *colours.shape[-2:])
+    torch.testing.assert_close(stack[:, 3:6], stack[:, :3] / 2, atol=0.01, rtol=0)
+    shown = OpenImageIO.ImageBuf(str(next((tmp_path / "out" / "planes").iterdir()))).get_pixels("float")
+    means = [SRGB.encode(stack[0, first : first + 3].mean(0).clamp(0, 1)) for first in (6, 3, 0)]
+    assert abs(torch.from_numpy(shown) - torch.stack(means, -1)).max() <= 0.5 / 255 + 1e-6
 
 
 def test_refocus_by_the_median_of_the_views(lfref, trained, tmp_path):

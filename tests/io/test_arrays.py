@@ -84,7 +84,6 @@ WHOLE = np.zeros((2, 2, 5, 6, 3))
     [
         (np.zeros((5, 5), np.uint8), {}),
         (np.zeros((3, 3, 3, 3, 3), np.uint8), {}),
-        (np.zeros((5, 2, 2, 6, 7), np.uint8), {"axes": "cvuhw"}),
         (np.zeros((30, 50, 60, 3), np.uint8), {"axes": "nhwc"}),
         (WHOLE.astype(np.int32), {}),
         (WHOLE.astype(object), {}),

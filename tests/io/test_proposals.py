@@ -88,6 +88,7 @@ FILES = {
     "10 numbered views": numbered(range(1, 11)),
     "a missing view": missing_view,
     "axes of two readings": array((5, 5, 4, 4, 4)),
+    "nine bands": array((3, 3, 20, 24, 9)),
     "integers of unknown white": array((3, 3, 30, 40), dtype=np.int32, white=4000),
     "film of another grid": film,
 }
