@@ -20,8 +20,9 @@ from omegaconf import DictConfig, OmegaConf
 
 import lfref
 from lfref import extras
-from lfref.cli.config import directory
+from lfref.cli.config import directory, plain
 from lfref.errors import InputError, LfrefError
+from lfref.io import atomic
 from lfref.io.run import Run, key_of
 
 COMMANDS = {
@@ -82,9 +83,10 @@ def start(name: str, words: list[str]) -> None:
 
     def task(config: DictConfig) -> float | None:
         try:
+            check_input(plain(config).get(INPUTS.get(name)))
             with extras.needed("this command"):
                 run = imported(name).run
-        except InputError as error:
+        except LfrefError as error:
             fail(name, error)
         result: float | None = run(config)
         return result
@@ -93,6 +95,13 @@ def start(name: str, words: list[str]) -> None:
         hydra.main(version_base="1.3", config_path=str(directory()), config_name=name)(task)()
     except KeyboardInterrupt:
         sys.exit(130)
+
+
+def check_input(value: str | list[str] | None) -> None:
+    """Refuse paths that do not exist before PyTorch is imported, which takes a second."""
+    for path in [value] if isinstance(value, str) else value or []:
+        with atomic.file_errors(Path(path), "read"):
+            Path(path).stat()
 
 
 def fail(name: str, error: object, status: int = 1) -> NoReturn:
