@@ -20,12 +20,16 @@ from mkdocs.structure.pages import Page
 from mkdocs.utils import get_relative_url
 
 import lfref
+from lfref.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 PUBLISHED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/*.css", "docs/*.js", "docs/pictures/*")
 # The face of this package are the commands, which tell about themselves by `--help`.
 WITHOUT_PAGE = "cli"
-PUBLIC_NAMES = "reference/names.md"
+PUBLIC_NAMES, COMMANDS = "reference/names.md", "reference/commands.md"
+# A line of a configuration, `key: value # what it is`, and one that chooses a file of a group, `- group: file # ...`.
+OPTION = re.compile(r"^(?P<indent> *)(?P<key>\w+): *(?P<value>[^#]*?) *(?:# (?P<text>.*))?$")
+CHOICE = re.compile(r"^  - /?(?P<key>[\w@.]+): (?P<value>\w+)(?: # (?P<text>.*))?$")
 # Who searches for a word first wants the page that explains it, then the functions that have it in their description.
 SEARCHED_LAST = "---\nsearch:\n  boost: 0.2\n---\n\n"
 # What a browser fetches to show a page; where a link leads it goes only when people click on it.
@@ -61,7 +65,7 @@ class OneExample(griffe.Extension):
 def on_config(config: MkDocsConfig) -> None:
     """Let the navigation lead to the reference; give the site its address, if one is known."""
     config.site_url = config.site_url or site_address()
-    config.nav.append({"Reference": [PUBLIC_NAMES, *({name: address(name)} for name in described())]})
+    config.nav.append({"Reference": [COMMANDS, PUBLIC_NAMES, *({name: address(name)} for name in described())]})
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -76,7 +80,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     living.make()
     shown = {LIVING: living.PAGE, CARD: living.CARD}
     pages += [File.generated(config, name, abs_src_path=str(path)) for name, path in shown.items()]
-    texts = {PUBLIC_NAMES: public_names()} | {address(name): description(name) for name in described()}
+    texts = {COMMANDS: commands(), PUBLIC_NAMES: public_names()} | {
+        address(name): description(name) for name in described()
+    }
     return Files([*theme, *pages, *(File.generated(config, name, content=text) for name, text in texts.items())])
 
 
@@ -163,6 +169,56 @@ def description(name: str) -> str:
     members = "false" if modules else "null"
     top = f"{SEARCHED_LAST}::: {name}\n    options: {{ heading_level: 1, members: {members} }}\n"
     return "\n".join([top, *(f"::: {module}\n    options: {{ heading_level: 2 }}\n" for module in modules)])
+
+
+def commands() -> str:
+    """Page on the commands and their options, by the files of `conf/`."""
+    lines = ["# Commands", "", "Every command is a Hydra application: `lfref COMMAND [PATH ...] [KEY=VALUE ...]`.", ""]
+    for name, what in main.COMMANDS.items():
+        lines += [
+            f"## lfref {name}",
+            "",
+            f"{what[0].upper()}{what[1:]}.",
+            "",
+            *options_of(ROOT / "conf" / f"{name}.yaml"),
+        ]
+    lines += ["## All commands", "", *options_of(ROOT / "conf" / "base.yaml")]
+    groups = sorted(path for path in (ROOT / "conf").iterdir() if path.is_dir())
+    lines += ["## Groups", "", "`GROUP=FILE` takes all lines of a file of `conf/GROUP`.", ""]
+    for group in groups:
+        files = sorted(group.glob("*.yaml"))
+        lines += [f"### {group.name}", "", "| file | what it is |", "|---|---|"]
+        lines += [f"| `{path.stem}` | {cell(heading(path))} |" for path in files]
+        lines += ["", *(options_of(files[0]) if len(files) == 1 else [])]
+    return "\n".join(lines)
+
+
+def heading(path: Path) -> str:
+    """First line of the comment that opens a configuration."""
+    comments = re.findall(r"^# (?!@package)(.*)", path.read_text("utf-8"), re.MULTILINE)
+    return comments[0] if comments else ""
+
+
+def options_of(path: Path) -> list[str]:
+    """Table of the groups and options of a configuration."""
+    lines, above = ["| option | default | what it is |", "|---|---|---|"], list[str]()
+    for line in path.read_text("utf-8").splitlines():
+        entry = CHOICE.match(line) or OPTION.match(line)
+        if entry is None or entry["key"] in ("defaults", "_target_"):
+            continue
+        if "indent" in entry.groupdict():
+            above = [*above[: len(entry["indent"]) // 2], entry["key"]]
+        key = ".".join(above) if "indent" in entry.groupdict() else entry["key"]
+        if not (entry["value"] or entry["text"]):
+            continue
+        default = f"`{cell(entry['value'])}`" if entry["value"] else ""
+        lines.append(f"| `{key}` | {default} | {cell(entry['text'] or '')} |")
+    return [*lines, ""]
+
+
+def cell(text: str) -> str:
+    """Text for a cell of a table."""
+    return text.replace("|", "\\|").replace("<", "&lt;")
 
 
 def public_names() -> str:

@@ -145,6 +145,8 @@ def rewritten(command: str, words: list[str]) -> list[str]:
         raise InputError("arguments of this command must be written KEY=VALUE", got=repr(paths[0]))
     if {"method", "checkpoint"} <= {key_of(word) for word in others}:
         raise InputError("a method or a network refocuses", got="method= and run=", remedy="leave one of them out")
+    # The light field that ships with lfref.
+    paths = [str(directory("sample")) if path == "sample" and not Path(path).exists() else path for path in paths]
     values = [_quoted(path) for path in paths]
     own = values[0] if len(values) == 1 else f"[{','.join(values)}]"
     return [*options, *resumed([*others, f"{INPUTS[command]}={own}"] if paths else others)]

@@ -58,6 +58,8 @@ LYTRO_RECORD: dict[str, Callable[[Mapping[str, Any]], str]] = {
 """Key of the metadata -> its text from the record of a Lytro frame."""
 BRIGHT, NEGATIVE = 0.5, 0.05
 """Shares of samples above 1 and below 0 from which floats are hardly light."""
+SAMPLE = Path(__file__).parents[1] / "sample"
+"""Views of a simulated evening that ship with lfref, 7x7 of 240x320 pixels: `lfref view sample`."""
 EVEN = 1e-6
 """Largest distance from the even grid, in view steps, that counts as rounding."""
 BITS = {"uint8": "8", "uint16": "16", "float32": "float"}

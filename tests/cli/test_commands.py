@@ -7,7 +7,7 @@ import torch
 
 from lfref.encoding import SRGB
 from lfref.io import tensor_files
-from lfref.io.read import read, read_stack
+from lfref.io.read import SAMPLE, read, read_stack
 from lfref.io.run import Run
 from lfref.nets import checkpoint
 from lfref.refocus import apertures
@@ -57,6 +57,13 @@ def test_refocus_writes_the_stack_through_an_aperture_and_a_picture_sharp_everyw
     for name, light in (("planes/plane_01_slope_0_alpha_1", stack[1]), ("all_in_focus", sharp)):
         shown = OpenImageIO.ImageBuf(str(tmp_path / "out" / f"{name}.png")).get_pixels("float")
         assert abs(torch.from_numpy(shown) - SRGB.encode(light).permute(1, 2, 0)).max() <= 0.5 / 255 + 1e-6
+
+
+def test_the_sample_that_ships_is_refocused_at_once(lfref, tmp_path):
+    assert lfref("refocus", "sample", "method=shift_and_sum", "slopes=[-1,0.45]", f"output={tmp_path}/out")[0] == 0
+    stack, field = read_stack(tmp_path / "out" / "stack.exr")[0], read(SAMPLE)
+    torch.testing.assert_close(stack, shift_and_sum(field.views, [-1, 0.45]))
+    assert sum(file.stat().st_size for file in SAMPLE.iterdir()) < 2e6
 
 
 @pytest.mark.parametrize(
