@@ -1,6 +1,7 @@
 """Shared by the scripts of this folder: the paper's planes, tables in Markdown, and markers of the pages.
 
-A measured table stands between `<!-- measured: NAME -->` and `<!-- end -->`.
+A measured table stands between `<!-- measured: NAME code=HASH -->`, with the hash of the code that was measured, and
+`<!-- end -->`.
 """
 
 import math
@@ -15,6 +16,7 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
+from lfref.bench import timing
 from lfref.cli import config as configs
 from lfref.geometry import planes_at_alphas
 from lfref.io import atomic
@@ -27,22 +29,40 @@ SIZE = (375, 540)
 """Height and width of the paper's views in pixels."""
 CPU = torch.device("cpu")
 LFREF = (sys.executable, "-m", "lfref.cli.main")
-MARKER = re.compile(r"(<!-- measured: (\w+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+MARKER = re.compile(r"<!-- measured: (\w+)(?: code=(\w*))? -->\n(.*?)<!-- end -->", re.DOTALL)
 
 
-def fill(tables: Mapping[str, Iterable[str]]) -> None:
-    """Write the lines of each name into the README and the pages; markers of other names stay as they are."""
+def fill(tables: Mapping[str, Iterable[str]], codes: Mapping[str, str] | None = None) -> None:
+    """Write the lines of each name into the README and the pages; markers of other names stay as they are.
+
+    `codes` are the hashes of the code that was measured, of tables that were measured before.
+    """
     texts = {name: "\n".join(lines) for name, lines in tables.items()}
+    now = timing.code_hash()
 
     def replacement(marker: re.Match[str]) -> str:
-        start, name, _, end = marker.groups()
-        return f"{start}{texts[name]}\n{end}" if name in texts else marker[0]
+        name = marker[1]
+        start = f"<!-- measured: {name} code={(codes or {}).get(name, now)} -->"
+        return f"{start}\n{texts[name]}\n<!-- end -->" if name in texts else marker[0]
 
-    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+    for page in written():
         text = page.read_text("utf-8")
         if (new := MARKER.sub(replacement, text)) != text:
             atomic.write_text(page, new)
             print(f"wrote {page.relative_to(ROOT)}")
+
+
+def written() -> Iterator[Path]:
+    """The README and the pages."""
+    yield ROOT / "README.md"
+    yield from sorted((ROOT / "docs").glob("*.md"))
+
+
+def outdated() -> list[str]:
+    """Tables that were measured with other code than today's, as PAGE: NAME."""
+    now = timing.code_hash()
+    tables = ((page, *found) for page in written() for found in MARKER.findall(page.read_text("utf-8")))
+    return [f"{page.relative_to(ROOT)}: {name}" for page, name, code, _ in tables if code != now]
 
 
 def head(*headings: str) -> Iterator[str]:

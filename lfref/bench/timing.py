@@ -4,6 +4,8 @@ The unit of comparison is the paper's: NumPy's 4-D FFT of the three colour chann
 needs before its first plane.
 """
 
+import ast
+import hashlib
 import json
 import os
 import platform
@@ -23,6 +25,8 @@ from lfref.io import atomic
 Key = TypeVar("Key")
 
 FFT = "numpy_fft_4d"
+MEASURED = "functional", "refocus", "refocuser", "captures", "simulator", "nets", "metrics", "losses", "bench"
+"""Folders whose code decides about figures."""
 PACKAGES = ("lfref", "torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba")
 
 
@@ -63,9 +67,23 @@ def write_facts(folder: Path, device: torch.device, **more: object) -> None:
     atomic.write_text(folder / "machine.json", json.dumps(facts(device) | more, indent=2) + "\n")
 
 
+def code_hash() -> str:
+    """Short hash of the modules that decide about figures, without comments and docstrings."""
+    package, digest = Path(__file__).parents[1], hashlib.sha256()
+    for path in sorted(path for folder in MEASURED for path in package.joinpath(folder).rglob("*.py")):
+        tree = ast.parse(path.read_text("utf-8"))
+        for node in ast.walk(tree):
+            body = getattr(node, "body", None)
+            if isinstance(body, list):
+                node.body = [line for line in body if not isinstance(getattr(line, "value", None), ast.Constant)]  # type: ignore[attr-defined]
+        digest.update(ast.dump(tree).encode())
+    return digest.hexdigest()[:8]
+
+
 def facts(device: torch.device) -> dict[str, str | int]:
-    """Machine, libraries and thread count."""
+    """Machine, libraries, thread count and code."""
     return {
+        "code": code_hash(),
         "processor": processor(),
         "cores": os.cpu_count() or 1,
         "threads": torch.get_num_threads(),
