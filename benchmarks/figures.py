@@ -156,25 +156,6 @@ def causes() -> Iterator[str]:
     yield f"{known['planes']} planes, {known['margin']} px of the border left out."
 
 
-def operators() -> Iterator[str]:
-    """Time and growth of every operator."""
-    known, powers = facts("operators"), read("operators", "exponents")
-    powers = powers.pivot(index="method", columns="axis", values="exponent")
-    yield from pages.head(
-        "method",
-        "median (p10 to p90), s",
-        "time, in NumPy's 4-D FFTs",
-        *("exponent in pixels", "in views", "in planes"),
-    )
-    for each in read("operators", "operators").join(powers, on="method").itertuples():
-        span = f"{each.median_s:.3f} ({each.p10_s:.3f} to {each.p90_s:.3f})"
-        exponents = (number(power, ".2f") for power in (each.pixels, each.views, each.planes))
-        yield row(each.method, span, f"{each.numpy_ffts:.3f}", *exponents)
-    yield ""
-    yield f"One simulated light field, {known['views']}, {known['planes']} planes; {pages.machine(known)},"
-    yield f"Numba {known['numba']}, {known['repeats']} rounds."
-
-
 def trials() -> Iterator[str]:
     """Number of trials of hard cases that hold, ours beside the textbook forms, and those of ours that do not."""
     rows = read("stability", "stability")
@@ -189,8 +170,8 @@ def trials() -> Iterator[str]:
     yield ""
     lost = rows[(rows["formulation"] == OURS) & (rows["outcome"] != "holds")]
     reasons = lost["note"].fillna(lost["case"] + " in " + lost["precision"])
-    for (component, outcome), cases in reasons.groupby([lost["component"], lost["outcome"]], sort=False):
-        yield f"- {component}: {outcome} ({', '.join(cases)})"
+    for (outcome, reason), components in lost["component"].groupby([lost["outcome"], reasons], sort=False):
+        yield f"- {outcome} ({reason}): {'; '.join(components)}"
 
 
 # Tables that are measured here
@@ -234,7 +215,6 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "corrected": (FIGURES / "flat_field" / "scenes.csv", corrections),
     "wide": (BENCH, wide),
     "causes": (FIGURES / "causes", causes),
-    "operators": (FIGURES / "operators", operators),
     "trials": (FIGURES / "stability", trials),
     "gpu_times": (GPU / "bench.csv", gpu_times),
     "streams": (scale.RUN / "streams.json", scale.streams),
