@@ -5,7 +5,6 @@ missing stays as it is.
 """
 
 import argparse
-import dataclasses
 import functools
 import json
 import math
@@ -16,7 +15,6 @@ from typing import Any
 import page
 import pages
 import pandas as pd
-import pictures
 import scale
 from pages import FIGURES, number, row
 
@@ -24,8 +22,8 @@ import lfref
 from lfref.bench.evaluation import ALIASED, CORRECTED, IDEAL, MEAN_CAP_DB, SENSOR, WIDE
 from lfref.bench.stability.trials import OURS
 from lfref.report import tables
-from lfref.simulator import planner, sim30
-from lfref.simulator.effects.sensor import EFFECTS, Sensor
+from lfref.simulator import sim30
+from lfref.simulator.effects.sensor import Sensor
 
 GPU = pages.ROOT / "runs" / "gpu" / "bench_front"
 """A run of `make gpu`."""
@@ -180,14 +178,6 @@ BORDER = 24
 """Pixels."""
 
 
-def explanation() -> Iterator[str]:
-    """The passes that ran for views and truth of a scene, as a block of text."""
-    scene = dataclasses.replace(pictures.GARDEN, sensor=Sensor(noise=EFFECTS["noise"](1e-3)))
-    # The first call compiles.
-    _, timed = (lfref.simulate(scene, slopes=(-3.0, 1.8)) for _ in range(2))
-    yield from ("```", planner.table(timed.rows), "```")
-
-
 def disparities() -> Iterator[str]:
     """Errors of `disparity_map` over sim30: all scenes, those without a sensor, and the worst four."""
 
@@ -221,7 +211,6 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "training_speed": (scale.RUN / "steps_cpu.json", functools.partial(scale.steps_table, "cpu")),
     "training_speed_gpu": (scale.RUN / "steps_cuda.json", functools.partial(scale.steps_table, "cuda")),
     "browsing": (page.MEASURES, page.browsing),
-    "explanation": (None, explanation),
     "disparities": (None, disparities),
 }
 """Marker -> the file that it reads, if any, and its lines."""
