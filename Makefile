@@ -59,7 +59,6 @@ figures: $(VENV)/checks
 	$(BIN)/lfref bench checkpoint=lfref/weights/refnet.safetensors overwrite=true output=runs/figures/bench repeats=5
 	$(BIN)/lfref bench wide=false correct=flat_field 'test_scenes=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/flat_field repeats=1
 	$(BIN)/lfref bench suite=causes overwrite=true output=runs/figures/causes
-	$(BIN)/lfref bench suite=operators overwrite=true output=runs/figures/operators repeats=5
 	$(BIN)/lfref bench suite=stability overwrite=true output=runs/figures/stability
 	$(BIN)/python benchmarks/scale.py streams
 	$(BIN)/python benchmarks/scale.py steps

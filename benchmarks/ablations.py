@@ -156,7 +156,7 @@ def times() -> dict[str, str]:
 def table(rows: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
     """All variants and methods; differences from the base are taken seed by seed."""
     headings = [heading for heading, _ in MEASURES.values()]
-    yield from pages.head("variant", *headings, "by its labels, less the base, dB", "parameters", paper.TIME)
+    yield from pages.head("variant", *headings, "by its labels, difference from the base, dB", "parameters", paper.TIME)
     by_variant = {variant: own.set_index("seed") for variant, own in rows.groupby("variant")}
     base = by_variant[BASE]["label_psnr_db"]
     for variant in (name for name in (*METHODS, *VARIANTS) if name in by_variant):
@@ -167,7 +167,7 @@ def table(rows: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
         yield pages.row(variant, *cells, less, size, times[variant])
     yield ""
     yield f"Whole frames of the 30 scenes of sim30 ({sim30.VERSION}) without sensors, the paper's planes; mean and"
-    yield f"standard deviation over seeds ({rows['seed'].nunique()} in all). Less the base: mean difference, seed by"
+    yield f"standard deviation over seeds ({rows['seed'].nunique()} in all). Difference from the base: mean, seed by"
     yield "seed, with its 95 % paired t interval from two seeds on, bold where it excludes 0; each row is tested by"
     yield "itself. Near: alpha from .75, without 1; wide: up to .25. Time of a light field of"
     yield f"7x7x3x{pages.SIZE[0]}x{pages.SIZE[1]}, in brackets in NumPy's 4-D FFTs of the same views."

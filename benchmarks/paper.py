@@ -69,13 +69,7 @@ QUALITY = {
     "explained_near": ("explained, near", ".3f"),
     "explained_wide": ("wide", ".3f"),
 }
-COLOUR = {
-    "colour_error": ("colour error", ".2%"),
-    "nonzero_colour_error": ("without alpha 1", ".2%"),
-    "delta_e": ("Delta E", ".2f"),
-    "nonzero_delta_e": ("without alpha 1", ".2f"),
-}
-"""Columns of the tables, their headings, and how their numbers are written."""
+"""Columns of the table, their headings, and how their numbers are written."""
 TIME = "time, ms (in FFTs)"
 LAPLACIAN = torch.tensor([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])[None, None]
 
@@ -128,16 +122,11 @@ def scores(rows: pd.DataFrame) -> pd.DataFrame:
 # Tables
 
 
-def table(
-    scores: pd.DataFrame,
-    pairs: Iterable[tuple[str, str]],
-    columns: Mapping[str, tuple[str, str]],
-    times: Mapping[str, str],
-) -> Iterator[str]:
+def quality(scores: pd.DataFrame, pairs: Iterable[tuple[str, str]], times: Mapping[str, str]) -> Iterator[str]:
     """Scores of methods by references."""
-    yield from pages.head("method", "by", *(heading for heading, _ in columns.values()), TIME)
+    yield from pages.head("method", "by", *(heading for heading, _ in QUALITY.values()), TIME)
     for pair in pairs:
-        cells = (number(scores.loc[pair, name], form) for name, (_, form) in columns.items())
+        cells = (number(scores.loc[pair, name], form) for name, (_, form) in QUALITY.items())
         yield row(*pair, *cells, times[pair[0]])
 
 
@@ -321,8 +310,7 @@ def main() -> None:
     pairs += [(method, TRUTH) for method in (*METHODS, *OWN)]
     lines = {
         "paper_claims": claims(rows, by_pair, spent),
-        "paper_quality": table(by_pair, pairs, QUALITY, spent),
-        "paper_colour": table(by_pair, pairs, COLOUR, spent),
+        "paper_quality": quality(by_pair, pairs, spent),
         "paper_planes": planes(rows),
     }
     is_ours = options.runs == RUNS

@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pages
 import torch
 from matplotlib.axes import Axes
@@ -31,7 +30,6 @@ from lfref.functional.psnr import psnr
 from lfref.io import atomic
 from lfref.refocus.apertures import disc, gaussian, mask, square
 from lfref.refocus.focus.all_in_focus import index_to_slope
-from lfref.refocus.shift.shift_and_sum import coverage
 from lfref.report import drawing, plots, tables
 from lfref.report.pictures import for_display
 from lfref.simulator import sim30, simulate
@@ -51,7 +49,7 @@ ERROR: dict[str, Any] = {"cmap": "magma", "norm": LogNorm(LEAST, 1)}
 COARSE = 1e-4
 DIFFERENCE: dict[str, Any] = {"bar": "absolute difference", "cmap": "magma", "norm": LogNorm(COARSE, 0.1)}
 SHARE: dict[str, Any] = {"cmap": "cividis", "vmin": 0, "vmax": 1}
-ALPHA, SLOPE_LABEL = tables.heading("alpha"), "slope, px per view step"
+SLOPE_LABEL = "slope, px per view step"
 
 # Sheets
 
@@ -188,25 +186,6 @@ def wall(disparity: float) -> Tensor:
 # Pictures of the page on refocusing
 
 
-def alpha() -> Figure:
-    """The two meanings of alpha, with the planes of the paper as dots."""
-    figure = drawing.new_figure(WIDTH, 2.5)
-    line = np.linspace(0.117, 2.05, 400)
-    titles = {"the paper's 16 planes": (-7.6, 1.5), "near the captured focus": (-1.1, 1.1)}
-    for axes, (title, limits) in zip(figure.subplots(1, 2), titles.items(), strict=True):
-        for convention, formula, colour in (
-            ("ng", f"ng: s = 1 \N{MINUS SIGN} 1/{ALPHA}", drawing.BLUE),
-            ("parallel", f"parallel: s = {ALPHA} \N{MINUS SIGN} 1", drawing.RED),
-        ):
-            axes.plot(line, geometry.slopes(line, convention), color=colour, linewidth=1.4)
-            planes = geometry.slopes(pages.ALPHAS, convention)
-            axes.plot(pages.ALPHAS, planes, "o", color=colour, markersize=3.5, label=formula)
-        label(axes, ALPHA, SLOPE_LABEL, title)
-        axes.set_ylim(limits)
-    axes.legend(frameon=False, fontsize=8)
-    return figure
-
-
 def shift_and_sum() -> Figure:
     """The still life, focused far, in the middle and near."""
     slopes = [FAR, MIDDLE, NEAR]
@@ -222,16 +201,6 @@ def interpolation() -> Figure:
     shown = [(name, lfref.shift_and_sum(views, slope, interpolation=name)[0][window]) for name in names]
     errors = [error("error, PSNR ", image, exact[window]) for _, image in shown]
     return sheet([*shown, *errors], 3, bar="absolute error", **ERROR)
-
-
-def borders() -> Figure:
-    """A corner of a wall in focus at a large slope, under the four border rules."""
-    views, slope = wall(8.0), [8.0]
-    window = (..., slice(0, 56), slice(0, 72))
-    names = ("renormalize", "edge", "zero", "wrap")
-    corners = [(name, lfref.shift_and_sum(views, slope, border=name)[0][window]) for name in names]
-    share = coverage(slope, GRID, SHAPE)[0][window]
-    return sheet([*corners, ("coverage", share)], 5, bar="share of views", **SHARE)
 
 
 def fourier_slice() -> Figure:
@@ -487,12 +456,12 @@ def stability() -> Figure:
 
 
 PHOTOGRAPHIC = (
-    *(shift_and_sum, interpolation, borders, fourier_slice, focal_stack_transform, tilt_shift),
+    *(shift_and_sum, interpolation, fourier_slice, focal_stack_transform, tilt_shift),
     *(per_pixel, all_in_focus, super_resolve, apertures, cells, near_focus, disparity_map),
     *(simulator_materials, simulator_sensor, simulator_truth, simulator_sim30),
 )
 DRAWN = {f"{draw.__name__}.jpg": draw for draw in PHOTOGRAPHIC}
-DRAWN |= {f"{draw.__name__}.png": draw for draw in (alpha, accuracy_time, causes, stability)}
+DRAWN |= {f"{draw.__name__}.png": draw for draw in (accuracy_time, causes, stability)}
 """Name of a picture -> its function."""
 
 
