@@ -1,4 +1,4 @@
-"""Each line of docs/captures.md that reads a capture gives the views that were stored in that way."""
+"""Each line of docs/captures.md and docs/lytro.md that reads a capture gives the views that were stored in that way."""
 
 import json
 import re
@@ -231,7 +231,8 @@ FORMS: dict[str, Form] = {
     "lenslets that are not square": raw("RAW.tif", pitches=(13.2, 15.5)),
 }
 """Beginning of a row of the page -> such a capture."""
-LINES = re.findall(r"^\| (.+?) \| `(lfref refocus .+?)` \|$", (ROOT / "docs" / "captures.md").read_text("utf-8"), re.M)
+PAGES = [(ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in ("captures", "lytro")]
+LINES = [line for page in PAGES for line in re.findall(r"^\| (.+?) \| `(lfref refocus .+?)` \|$", page, re.M)]
 
 
 def test_each_form_of_the_page_has_a_capture():
