@@ -1,13 +1,17 @@
 """The pages keep their word: pictures and pages that they link exist, code runs as written, pictures can be drawn."""
 
 import re
+import shlex
 import subprocess
 import sys
 
 import pytest
 import torch
+from hydra import compose, initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from PIL import Image
 
+from lfref.cli import config, main
 from tests.conftest import ROOT
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -85,3 +89,37 @@ def test_all_pictures_of_the_pages_are_drawn(tmp_path):
     missing = {plot for plot, run in PLOTS.items() if not (ROOT / "runs" / "figures" / run).exists()}
     assert drawn == linked - OF_OTHERS - missing
     assert all((tmp_path / name).stat().st_size <= LARGEST for name in drawn)
+
+
+def commands() -> list[str]:
+    """Lines of the pages that run a command of lfref: in blocks of code, and in tables."""
+    lines = []
+    for page in PAGES:
+        text = page.read_text("utf-8").replace("\\\n", " ")
+        names = "|".join(main.COMMANDS)
+        lines += re.findall(rf"^(?:srun )?(lfref (?:{names})\b[^\n]*)$", text, re.MULTILINE)
+        lines += re.findall(rf"\| `(lfref (?:{names})\b[^`\n]*)` \|$", text, re.MULTILINE)
+    return sorted(set(lines))
+
+
+ELSEWHERE = "--config-dir", "net._target_=", "CONTRIBUTING"
+"""What `tests/cli/test_experiments.py` and others run: parts of your own."""
+
+
+@pytest.mark.parametrize("line", [line for line in commands() if not any(word in line for word in ELSEWHERE)])
+def test_every_command_of_the_pages_is_composed(line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "RUN").mkdir()
+    for name, text in {"overrides": "[]", "config": "{}"}.items():
+        (tmp_path / "RUN" / f"{name}.yaml").write_text(text)
+    name, *words = shlex.split(line.replace(" ...", ""), comments=True)[1:]
+    words = [word for word in main.rewritten(name, words) if not word.startswith("--")]
+    # Of a sweep its first job.
+    first = [word.split(",")[0] if parsed.is_sweep_override() else word for word, parsed in parsed_words(words)]
+    with initialize_config_dir(str(config.directory()), version_base="1.3"):
+        composed = compose(name, overrides=[*first, "output=out"])
+    assert composed.output == "out"
+
+
+def parsed_words(words):
+    return zip(words, OverridesParser.create().parse_overrides(words), strict=True)
