@@ -23,7 +23,16 @@ import lfref
 from lfref.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
-PUBLISHED = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/*.css", "docs/*.js", "docs/pictures/*")
+PUBLISHED = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    "docs/*.md",
+    "docs/*.ipynb",
+    "docs/*.css",
+    "docs/*.js",
+    "docs/pictures/*",
+)
 # The face of this package are the commands, which tell about themselves by `--help`.
 WITHOUT_PAGE = "cli"
 PUBLIC_NAMES, COMMANDS = "reference/names.md", "reference/commands.md"

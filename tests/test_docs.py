@@ -1,5 +1,6 @@
 """The pages keep their word: pictures and pages that they link exist, code runs as written, pictures can be drawn."""
 
+import json
 import re
 import shlex
 import subprocess
@@ -123,3 +124,14 @@ def test_every_command_of_the_pages_is_composed(line, tmp_path, monkeypatch):
 
 def parsed_words(words):
     return zip(words, OverridesParser.create().parse_overrides(words), strict=True)
+
+
+@pytest.mark.slow
+def test_the_code_of_the_tour_runs_as_written(monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    names = {}
+    for cell in json.loads((ROOT / "docs" / "tour.ipynb").read_text("utf-8"))["cells"]:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
+    assert names["explained"] > 0.9
+    assert names["scores"]["shift_and_sum"] > names["scores"]["mean of the views"] + 10
