@@ -15,7 +15,7 @@ T -> Q -> X -> L adds one error after the other, so that each can be measured al
 | range: all disparities doubled, but not the planes | X of that | X | |
 
 `cost_db` is PSNR against the truth without the cause minus PSNR with it; below 0 the change is for the better. PSNR is
-capped at 100 dB, and so is a cost where nothing else is wrong. `alone_db` is PSNR of the picture with the cause as its
+capped at 70 dB in means. `alone_db` is PSNR of the picture with the cause as its
 only error. `won_db` is PSNR of another method on the same views minus PSNR of the picture with the cause. With an
 effect of the sensor, the truth is developed like the views, and a tone curve stays: its cost is that of averaging
 encoded values, as `encoding=none` does. With n instead of m views along the aperture, disparities and slopes are m/n
