@@ -34,19 +34,22 @@ def advice(field: LightField) -> str | None:
     motion, explained = _motion(field.views.flatten(0, 1).mean(1))
     if is_line and explained < EXPLAINED:
         return "the views differ, but nothing moves between them: a focal stack is no light field"
-    along = _steps(motion)
-    turns = ((along - 1).abs() > TURNED).nonzero()[:, 0].tolist()
-    if not turns:
-        return None
-    n_columns = turns[0] + 1
-    n_rows, rest = divmod(n_views, n_columns)
+    # Component of each motion along the mean of the first two, as a multiple of that mean.
+    first = motion[:2].mean(0)
+    along = (motion * first).sum((1, 2)) / first.square().sum().clamp(min=torch.finfo(motion.dtype).tiny)
+    is_turn = (along - 1).abs() > TURNED
+    n_columns = int(is_turn.int().argmax()) + 1
     back = along[n_columns - 1 :]
     if is_line and bool((back < TURNED - 1).all()) and n_columns > 2:
         return f"the camera goes back after {n_columns} views: set reader.angular_size=[1,{n_columns}] reader.start=0"
-    if rest or n_columns < 2 or turns != _turns_of(along, n_rows, n_columns):
-        return None
+    n_rows, rest = divmod(n_views, n_columns)
     is_serpentine = bool((along[n_columns : 2 * n_columns - 1] < 0).all())
-    if not is_line and not is_serpentine:
+    # The step behind a row is a turn, and so are all steps of every second row of a serpentine.
+    expected = torch.zeros(n_rows, n_columns, dtype=torch.bool)
+    expected[1::2] = is_serpentine
+    expected[:, -1] = True
+    is_path = not rest and torch.equal(is_turn.cpu(), expected.flatten()[:-1])
+    if n_columns < 2 or not is_path or not (is_line or is_serpentine):
         return None
     # Whole rows that move the picture up and down are columns.
     down, across = motion[: n_columns - 1].square().sum((0, 1))
@@ -57,20 +60,6 @@ def advice(field: LightField) -> str | None:
     return f"the views seem to be {shape[0]} rows of {shape[1]}: set {' '.join(words)}"
 
 
-def _turns_of(along: Tensor, n_rows: int, n_columns: int) -> list[int]:
-    """Steps that are no step of the first row if the views are a grid, by the direction of its second row."""
-    ends = {row * n_columns - 1 for row in range(1, n_rows)}
-    is_back = float(along[n_columns]) < 0
-    back = {row * n_columns + step for row in range(1, n_rows, 2) for step in range(n_columns - 1) if is_back}
-    return sorted(ends | back)
-
-
-def _steps(motion: Tensor) -> Tensor:
-    """Component of each motion [N - 1, W, 2] along the mean of the first two, as a multiple of that mean, [N - 1]."""
-    first = motion[:2].mean(0)
-    return (motion * first).sum((1, 2)) / first.square().sum().clamp(min=torch.finfo(motion.dtype).tiny)
-
-
 def _motion(pictures: Tensor) -> tuple[Tensor, float]:
     """Motion (y, x) of each window between neighbours of grey pictures [N, H, W], and the share of their differences
     that it explains, 1 if they are alike."""
@@ -78,19 +67,14 @@ def _motion(pictures: Tensor) -> tuple[Tensor, float]:
     small = F.avg_pool2d(pictures[:, None], factor)[:, 0].double()
     small = small - small.mean((1, 2), keepdim=True)
     change, between = small[1:] - small[:-1], (small[1:] + small[:-1]) / 2
-    down, across = (neighbours.gradient(between, axis) for axis in (-2, -1))
-
-    def summed(values: Tensor) -> Tensor:
-        return F.adaptive_avg_pool2d(values[:, None], WINDOWS).flatten(1)
-
-    moments = torch.stack([summed(down * down), summed(down * across), summed(across * across)])
-    right = -torch.stack([summed(down * change), summed(across * change)], -1)
-    yy, yx, xx = moments + torch.tensor([1.0, 0.0, 1.0])[:, None, None] * 1e-3 * (moments[0] + moments[2]).mean()
-    inverse = (
-        torch.stack([torch.stack([xx, -yx], -1), torch.stack([-yx, yy], -1)], -2) / (yy * xx - yx**2)[..., None, None]
-    )
-    motion = (inverse @ right[..., None])[..., 0]
+    values = torch.stack([*(neighbours.gradient(between, axis) for axis in (-2, -1)), -change], 1)
+    # Means of products of (gradient down, gradient to the right, minus the change) in each window.
+    products = (values[:, :, None] * values[:, None]).flatten(1, 2)
+    means = F.adaptive_avg_pool2d(products, WINDOWS).flatten(2).mT.unflatten(2, (3, 3))
+    squares, right = means[..., :2, :2], means[..., :2, 2]
+    trace = squares.diagonal(dim1=-2, dim2=-1).sum(-1)
+    ridge = 1e-3 * trace.mean() + torch.finfo(trace.dtype).tiny
+    motion = torch.linalg.solve(squares + ridge * torch.eye(2).to(squares), right)
+    left = float(means[..., 2, 2].sum())
     # In windows of strong gradients the motion is sure.
-    weight = (moments[0] + moments[2]).sqrt()
-    left = float(summed(change.square()).sum())
-    return motion * weight[..., None], float((motion * right).sum()) / left if left > 0 else 1.0
+    return motion * trace.sqrt()[..., None], float((motion * right).sum()) / left if left > 0 else 1.0
