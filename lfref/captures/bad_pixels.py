@@ -13,17 +13,16 @@ counted from a corner.
 
 import dataclasses
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
 from lfref.captures import Defect, registration
 from lfref.errors import counted
-from lfref.functional import loops
 from lfref.lightfield import LightField
 
 # The height of a sample is its distance above the largest, or below the smallest, of the eight around it.
@@ -120,18 +119,16 @@ def candidates(views: Tensor) -> tuple[Tensor, Tensor]:
     """Samples that stick out of their view, [K, 5], and their heights, [K]; channels with too many are left out."""
     samples, found = [], []
     for channel in range(views.shape[2]):
-        images = views[:, :, channel].detach().float().cpu().contiguous().numpy()
-        heights = np.zeros_like(images)
-        jobs = [(images[v], heights[v]) for v in range(len(images))]
-        loops.share(write_heights, jobs, loops.worthwhile(images.size, 1 << 18))  # samples per thread, by trial
+        images = views[:, :, channel].detach().float().cpu()
+        # One image at a time stays in the processor's cache.
+        heights = torch.stack([heights_of(image) for image in images.flatten(0, 1)]).unflatten(0, images.shape[:2])
         # Every eighth row is enough for the mean height and the brightest samples.
-        extremes, brightest = heights[..., 1:-1:8, :], float(np.quantile(images[..., ::8, ::8], 0.99))
-        extremes = extremes[extremes > 0]
-        limit = max(FAR * float(extremes.mean(dtype=np.float64)) if extremes.size else 0.0, LEAST * brightest)
-        v, u, y, x = np.nonzero(heights > np.float32(limit))
+        extremes, brightest = heights[..., ::8, :], float(np.quantile(images[..., ::8, ::8], 0.99))
+        limit = max(FAR * float(extremes[extremes > 0].double().mean().nan_to_num()), LEAST * brightest)
+        v, u, y, x = (heights > limit).nonzero().unbind(1)
         if len(v) < MOST and np.isfinite(limit):
-            samples.append(torch.from_numpy(np.stack([v, u, np.full_like(v, channel), y, x], 1)))
-            found.append(torch.from_numpy(heights[v, u, y, x]))
+            samples.append(torch.stack([v, u, torch.full_like(v, channel), y + 1, x + 1], 1))
+            found.append(heights[v, u, y, x])
     if not samples:
         return torch.zeros(0, 5, dtype=torch.long), torch.zeros(0)
     return torch.cat(samples), torch.cat(found)
@@ -149,19 +146,16 @@ def _patches(views: Tensor, samples: Tensor) -> Tensor:
 
 def _in_neighbours(views: Tensor, samples: Tensor, disparity: Tensor, steps: Tensor) -> Tensor:
     """Surroundings of samples of some disparity [K] in the views around each view (or opposite), [N, K, 7, 7]."""
-    n_rows, n_columns, _, height, width = views.shape
-    v, u, c, y, x = samples.unbind(1)
-    patches = []
-    for down, across in itertools.product((-1, 0, 1), repeat=2):
-        if (down, across) == (0, 0) or (down and n_rows == 1) or (across and n_columns == 1):
-            continue
-        to_v = torch.where((v + down >= 0) & (v + down < n_rows), v + down, v - down).clamp(0, n_rows - 1)
-        to_u = torch.where((u + across >= 0) & (u + across < n_columns), u + across, u - across).clamp(0, n_columns - 1)
-        down_by, across_by = steps[:, to_v, to_u] - steps[:, v, u]
-        to_y, to_x = (y + disparity * down_by).round().long(), (x + disparity * across_by).round().long()
-        places = torch.stack([to_v, to_u, c, to_y.clamp(0, height - 1), to_x.clamp(0, width - 1)], 1)
-        patches.append(_patches(views, places))
-    return torch.stack(patches).float()
+    v, u, c = samples[:, :3].unbind(1)
+    last = torch.tensor(views.shape)[[0, 1, 3, 4]] - 1
+    moves = [move for move in itertools.product(*((-1, 0, 1) if n else (0,) for n in last[:2])) if any(move)]
+    cells = samples[:, :2] + torch.tensor(moves)[:, None]
+    # Beyond the grid, the view on the opposite side.
+    to_v, to_u = (last[:2] - (last[:2] - cells.abs()).abs()).unbind(-1)
+    shifts = (disparity * (steps[:, to_v, to_u] - steps[:, v, u][:, None])).movedim(0, -1)
+    to_y, to_x = torch.minimum((samples[:, 3:] + shifts).round().long().clamp(min=0), last[2:]).unbind(-1)
+    places = torch.stack([to_v, to_u, c.expand_as(to_v), to_y, to_x], -1)
+    return _patches(views, places.flatten(0, 1)).unflatten(0, places.shape[:2]).float()
 
 
 def is_of_one_colour(colours: Tensor) -> Tensor:
@@ -226,24 +220,22 @@ def with_spoilt(own: Tensor, others: Tensor, samples: Tensor, size: tuple[int, i
     is_spoilt[:, REACH, REACH] = True
     index, row, column = is_spoilt.nonzero().unbind(1)
     spoilt = samples[index].clone()
-    spoilt[:, 3] += row - REACH
-    spoilt[:, 4] += column - REACH
-    inside = (spoilt[:, 3:] >= 0).all(1) & (spoilt[:, 3] < size[0]) & (spoilt[:, 4] < size[1])
-    return spoilt[inside].unique(dim=0)
+    # Edges are repeated in the surroundings.
+    spoilt[:, 3] = (spoilt[:, 3] + row - REACH).clamp(0, size[0] - 1)
+    spoilt[:, 4] = (spoilt[:, 4] + column - REACH).clamp(0, size[1] - 1)
+    return spoilt.unique(dim=0)
 
 
-def write_heights(images: NDArray, heights: NDArray) -> None:
-    """Write the height of each sample of images [B, H, W]; below 0: it lies within the range of its 8 neighbours."""
+def heights_of(image: Tensor) -> Tensor:
+    """Height of each inner sample of an image [H, W]; below 0: it lies within the range of its 8 neighbours."""
 
-    def extreme(image: NDArray, further: np.ufunc) -> NDArray:
+    def extreme(further: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
         beyond = further(image[:-2], image[2:])
         columns = further(beyond, image[1:-1])
         return further(further(columns[:, :-2], columns[:, 2:]), beyond[:, 1:-1])
 
-    # One image at a time stays in the processor's cache.
-    for image, into in zip(images, heights, strict=True):
-        middle, most, least = image[1:-1, 1:-1], extreme(image, np.maximum), extreme(image, np.minimum)
-        np.maximum(middle - most, least - middle, out=into[1:-1, 1:-1])
+    middle = image[1:-1, 1:-1]
+    return torch.maximum(middle - extreme(torch.maximum), extreme(torch.minimum) - middle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,15 +256,13 @@ class BlackViewsDefect(Defect):
 
     def corrected(self, field: LightField) -> LightField:
         """The same views, weight 0 where they are black."""
-        shape = (*field.grid, 1, *field.size)
-        # Without corners the samples of a view share one weight in memory.
-        own = (*field.grid, 1, 1, 1) if self.corners is None else shape
-        weight = field.views.new_ones(own) if field.weight is None else field.weight.clone()
+        ones = field.views.new_ones(*field.grid, 1, *field.size)
+        weight = ones if field.weight is None else field.weight.clone()
         if self.corners is not None:
             weight.masked_fill_(self.corners.to(weight.device), 0)
         for v, u in self.views:
             weight[v, u] = 0
-        return dataclasses.replace(field, weight=weight.expand(shape))
+        return dataclasses.replace(field, weight=weight)
 
 
 def find_black(field: LightField) -> BlackViewsDefect | str:

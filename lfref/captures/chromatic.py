@@ -22,7 +22,6 @@ SHOWN = 0.02  # least distance of colours, in pixels, on average over the pictur
 SURE = 4.0  # standard errors from which a difference is certain, by trial
 CLEAR_LATERAL, CLEAR_AXIAL = 0.6, 1.0  # least shares of the scatter of patches, by trial: textures of colours differ
 LEAST_ERROR = 0.003  # pixels per view step, by trial: the least error of a patch's disparity
-UNEXPLAINED = 0.02  # share of a patch's contrast, by trial: least difference that displacements do not explain
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ def disperse(registered: Registration, observed: Observed) -> tuple[Tensor, Tens
     precision = inner.diagonal(dim1=-2, dim2=-1) / registration.noise_of(observed)[..., None]
     reach = float(positions.abs().max())
     for channel in set(range(n_channels)) - {middle}:
-        information, moved = compare_colours(observed.templates[:, channel], observed.templates[:, middle])
+        information, moved = compare_colours(observed.templates[:, [channel, middle]])
         # Offsets down and right, which are not corrected, and magnification.
         eye = torch.eye(2, dtype=moved.dtype).expand(len(moved), 2, 2)
         lateral = displacements.fit_linear(torch.cat([eye, _centred(registered)[..., None]], -1), moved, information)
@@ -121,20 +120,10 @@ def _centred(registered: Registration) -> Tensor:
     return registered.patches.centres - (torch.tensor(registered.field.size) - 1) / 2
 
 
-def compare_colours(templates: Tensor, others: Tensor) -> tuple[Tensor, Tensor]:
-    """Displacement of templates [K, h, w] against those of another colour: information [K, 2, 2], moved [K, 2]."""
-    light, *slopes = displacements.texture(templates).double().unbind(-1)
-    other, *other_slopes = displacements.texture(others).double().unbind(-1)
-    power = other.square().sum(-1, keepdim=True).clamp(min=TINY)
-    contrast = (light * other).sum(-1, keepdim=True) / power
-    # Colours with less than a tenth of the contrast share no texture.
-    contrast = torch.where(contrast.abs() < 0.1, 0.1, contrast)
-    # The mean of both gradients errs in the third order of the distance only.
-    gradients = torch.stack([(a / contrast + b) / 2 for a, b in zip(slopes, other_slopes, strict=True)], -1)
-    gradients = gradients - other[..., None] * ((other[..., None] * gradients).sum(1, keepdim=True) / power[..., None])
-    information = gradients.mT @ gradients
-    moments = -(gradients * (light / contrast)[..., None]).sum(1)
-    moved = torch.linalg.solve(displacements.ridged(information), moments)
-    rest = (light / contrast - other).square().mean(-1) - (moved * moments).sum(-1) / light.shape[-1]
-    noise = rest.clamp(min=0) + UNEXPLAINED**2 * power[:, 0] / light.shape[-1] + TINY
-    return registration.limited(information / noise[:, None, None]), moved
+def compare_colours(templates: Tensor) -> tuple[Tensor, Tensor]:
+    """Displacement of a colour against another, [K, 2, h, w]: information [K, 2, 2], and how far it moved, [K, 2]."""
+    observed = displacements.observe(templates[:, :, None], torch.ones(len(templates), 2, dtype=torch.float64))
+    moved = observed.moments[:, :, 0] @ displacements.ridged(observed.information[:, 0]).inverse()
+    # Each differs from the mean of both by half of their difference. Opposite contrasts share no texture.
+    information = observed.information[:, 0] / (4 * registration.noise_of(observed)[..., None])
+    return registration.limited(information) * observed.shown.amin(1)[:, None, None], moved[:, 0] - moved[:, 1]

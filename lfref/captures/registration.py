@@ -103,16 +103,12 @@ def positions_of(field: LightField) -> Tensor:
 
 
 def _shown(field: LightField, patches: Patches, positions: Tensor) -> Tensor:
-    """1 where the view has weight at the patch's corners and middle, else 0, [K, I]."""
+    """1 where the view has weight all over the patch, else 0, [K, I]."""
     if field.weight is None:
         return torch.ones(len(patches.rows), len(positions), dtype=torch.float64)
-    weight = field.weight.cpu().flatten(0, 2)
-    middles = patches.centres[:, None] + patches.disparity[:, None, None] * positions
-    steps = SIDE / 2 * torch.tensor([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]], dtype=torch.float64)
-    last = torch.tensor(field.size) - 1
-    at = torch.minimum((middles[:, :, None] + steps).round().long().clamp(min=0), last)
-    view = torch.arange(len(positions))[:, None]
-    return (weight[view, at[..., 0], at[..., 1]].amin(-1) >= 0.5).double()
+    read_at = patches.disparity[:, None, None] * positions
+    weight = displacements.read_patches(field.weight.cpu().flatten(0, 1), patches, read_at)
+    return (weight.amin((2, 3, 4)) >= 0.5).double()
 
 
 def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor, unknown: Tensor) -> Explanation:

@@ -17,7 +17,7 @@ from hydra.utils import get_class
 from omegaconf import DictConfig
 from torch import Tensor
 
-from lfref.captures import view_path
+from lfref.captures import view_order
 from lfref.captures.correct import NONE, Corrections, correct
 from lfref.captures.inspect import AutoPlanes
 from lfref.cli import config as configs
@@ -111,7 +111,7 @@ def read_field(path: Path, config: DictConfig, refocusers: Sequence[Refocuser] =
     field = reader.read(path, **options)
     if missing := field.metadata.get("missing"):
         log.info("%s: %s are missing and have weight 0", field.name, missing)
-    if advice := view_path.advice(field):
+    if advice := view_order.path_advice(field):
         log.warning("%s: %s", field.name, advice)
     return field
 

@@ -29,9 +29,9 @@ ORDERS = ("vuhwc", "vuchw", "cvuhw", "hwvuc", "hwcvu", "chwvu", "vuhw", "hwvu", 
 N_AXES = (4, 5)
 SUFFIXES = ".npy", ".npz", ".mat", ".h5", ".hdf5"
 USUAL_NAME = "lf"
+"""Usual name of the light field if a file has several arrays, in small letters."""
 MOST_BANDS = 256
 """Most channels of a spectral camera for which axes are proposed."""
-"""Usual name of the light field if a file has several arrays, in small letters."""
 
 
 class StoredArray(NamedTuple):
@@ -51,19 +51,15 @@ def _open_npy(path: Path) -> Iterator[list[StoredArray]]:
 
 @contextmanager
 def _open_npz(path: Path) -> Iterator[list[StoredArray]]:
-    def shape(archive: zipfile.ZipFile, name: str) -> tuple[int, ...]:
-        with archive.open(name) as file:
-            is_version_1 = np.lib.format.read_magic(file)[0] == 1
-            header = np.lib.format.read_array_header_1_0 if is_version_1 else np.lib.format.read_array_header_2_0
-            return tuple(header(file)[0])
-
-    def load(archive: zipfile.ZipFile, name: str) -> NDArray:
-        with archive.open(name) as file:
-            return np.lib.format.read_array(file, allow_pickle=False)
-
     with zipfile.ZipFile(path) as archive:
-        names = [name for name in archive.namelist() if name.endswith(".npy")]
-        yield [StoredArray(name[:-4], shape(archive, name), partial(load, archive, name)) for name in names]
+
+        def stored(name: str) -> StoredArray:
+            with archive.open(name) as file:
+                np.lib.format.read_magic(file)
+                shape = np.lib.format.read_array_header_1_0(file)[0]
+            return StoredArray(name[:-4], shape, lambda: np.load(archive.open(name), allow_pickle=False))
+
+        yield [stored(name) for name in archive.namelist() if name.endswith(".npy")]
 
 
 @contextmanager
@@ -156,7 +152,7 @@ def _chosen(arrays: list[StoredArray], name: str | None, path: Path) -> StoredAr
     usual = [one for one in fitting if one.name.lower() == USUAL_NAME]
     if len(fitting) == 1 or len(usual) == 1:
         return (usual or fitting)[0]
-    listed = ", ".join(f"{one.name} {_times(one.shape)}" for one in arrays[:8]) or "none"
+    listed = ", ".join(f"{one.name} {one.shape}" for one in arrays[:8]) or "none"
     expected = f"{path} must hold one array of 4 or 5 axes" if name is None else f"{path} must hold the array {name}"
     raise FileError(expected, got=listed, remedy="set reader.variable to one of 4 or 5 axes")
 
@@ -174,12 +170,10 @@ def _likely_axes(array: StoredArray, path: Path) -> str:
     possible = [order for order in orders if allows(order, most=4)]
     if len(possible) == 1:
         return possible[0]
-    got = f"shape {_times(array.shape)}, which may be {' or '.join(possible) or 'none that is known'}"
-    remedy, proposals = (
-        "set reader.axes, for example vuhwc",
-        [{"axes": order} for order in orders if allows(order, most=MOST_BANDS)],
-    )
-    raise InputError(f"{path} must say what its axes are", got=got, remedy=remedy, proposals=proposals)
+    got = f"shape {array.shape}, which may be {' or '.join(possible) or 'none that is known'}"
+    proposals = [{"axes": order} for order in orders if allows(order, most=MOST_BANDS)]
+    expected, remedy = f"{path} must say what its axes are", "set reader.axes, for example vuhwc"
+    raise InputError(expected, got=got, remedy=remedy, proposals=proposals)
 
 
 def _check(array: StoredArray, axes: str, path: Path) -> None:
@@ -189,7 +183,7 @@ def _check(array: StoredArray, axes: str, path: Path) -> None:
     is_known = is_known and len(named) == len(axes) == len(array.shape)
     if not is_known or 0 in array.shape:
         expected = f"{path} must have the axes v u (or n), h, w and perhaps c of channels, none of them empty"
-        raise InputError(expected, got=f"shape {_times(array.shape)} as {axes}", remedy="set reader.axes, as vuhwc")
+        raise InputError(expected, got=f"shape {array.shape} as {axes}", remedy="set reader.axes, as vuhwc")
 
 
 def arranged(stored: NDArray, axes: str, shape: tuple[int, int] | None, path: Path) -> NDArray:
@@ -219,7 +213,3 @@ def _radiances(views: NDArray, options: ReadOptions, path: Path) -> NDArray:
     light = views.astype(np.float32)
     images.check_finite(light, path)
     return light
-
-
-def _times(shape: tuple[int, ...]) -> str:
-    return "x".join(map(str, shape)) or "a number"

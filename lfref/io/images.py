@@ -52,10 +52,6 @@ SEARCH = 65536
 """Bytes at the start of a PNG or WebP among which it says whether it moves, and at the end among which a PNG's end
 mark must be; some tools append data of their own."""
 PNG_END = b"IEND\xaeB`\x82"
-
-FILE_TYPES: dict[str, type[np.generic]] = {
-    "uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32,
-}  # fmt: skip
 DEPTHS: dict[str, dict[int, str]] = {
     ".png": {8: "uint8", 16: "uint16"}, ".tif": {8: "uint8", 16: "uint16", 32: "float"},
     ".exr": {32: "float", 16: "half"}, ".jpg": {8: "uint8"}, ".avif": {8: "uint8"}, ".webp": {8: "uint8"},
@@ -116,7 +112,7 @@ def open_image(path: Path, is_alpha_apart: bool = True) -> Iterator[OpenImageIO.
     try:
         source = OpenImageIO.ImageInput.open(str(path), hints)
         # The decoder does not report a missing end mark of a PNG.
-        if source is None or (image_format == "png" and not _has_end(path)):
+        if source is None or (image_format == "png" and PNG_END not in path.read_bytes()[-SEARCH:]):
             raise damaged(path, OpenImageIO.geterror() if source is None else "a truncated PNG")
         try:
             yield source
@@ -124,12 +120,6 @@ def open_image(path: Path, is_alpha_apart: bool = True) -> Iterator[OpenImageIO.
             source.close()
     except UnicodeError as error:  # raised for names, messages and attributes that are no UTF-8
         raise damaged(path, "a name or a header that is no UTF-8") from error
-
-
-def _has_end(path: Path) -> bool:
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - SEARCH))
-        return PNG_END in file.read()
 
 
 def damaged(path: Path, reason: str) -> FileError:
@@ -266,7 +256,7 @@ def _spec(part: Part, kind: str, path: Path, quality: int) -> OpenImageIO.ImageS
 
 def quantised(samples: NDArray, kind: str, path: Path) -> NDArray:
     """Samples as a file holds them: `uint8` and `uint16` clipped to [0, 1], scaled and rounded, others rounded."""
-    target = np.dtype(FILE_TYPES[kind])
+    target = np.dtype("float32" if kind == "float" else kind)
     with np.errstate(over="ignore", invalid="ignore"):
         stored = np.rint(np.clip(samples, 0, 1) * np.iinfo(target).max) if target.kind == "u" else samples
         stored = stored.astype(target)

@@ -253,14 +253,11 @@ def refined(image: NDArray, lattice: Lattice) -> Lattice | None:
 
 def _counted_from_middle(lattice: Lattice, shape: tuple[int, ...]) -> Lattice:
     """The lattice whose lenslet (0, 0) is next to the middle of an image: errors of the pitch do least harm so."""
-    height, width = shape
-    i, j = lattice.numbers_around((height, width))
-    y, x = lattice.centres(i[:, None], j[None, :])
-    if lattice.is_hexagonal:
-        y, x = y[i % 2 == 0], x[i % 2 == 0]
-    distances = np.hypot(y - (height - 1) / 2, x - (width - 1) / 2)
-    nearest = np.unravel_index(int(distances.argmin()), distances.shape)
-    return replace(lattice, origin=(float(y[nearest]), float(x[nearest])))
+    # Rows that begin like row 0: every second one if it is hexagonal.
+    step = 1 + lattice.is_hexagonal
+    square = replace(lattice, rows=(step * lattice.rows[0], step * lattice.rows[1]), is_hexagonal=False)
+    y, x = square.centres(*square.nearest(*((np.array(shape) - 1) / 2)))
+    return replace(lattice, origin=(float(y), float(x)))
 
 
 def strongest_waves(white: NDArray) -> NDArray | None:

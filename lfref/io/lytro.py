@@ -15,7 +15,7 @@ import tarfile
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path, PureWindowsPath
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -95,14 +95,6 @@ def _white_light(image: RawImage, path: Path | None, pattern: Mosaic) -> NDArray
     return per_colour(light, pattern, {key: 1 / level for key, level in levels.items()})
 
 
-class _White(NamedTuple):
-    """A white image of a calibration, not yet read."""
-
-    name: str
-    record: Record
-    data: Callable[[], bytes]
-
-
 def read_white(path: Path, image: RawImage) -> RawImage:
     """The white image for a raw image: the file itself, or that of a calibration with the nearest zoom, then focus."""
     try:
@@ -112,17 +104,20 @@ def read_white(path: Path, image: RawImage) -> RawImage:
     if not files and not path.is_dir():
         return lytro_files.read_raw(path)
 
-    def distance(white: _White) -> tuple[float, float, float]:
-        lens, keys = ("devices", "lens"), ("zoomStep", "focusStep")
-        zoom, focus = (abs(white.record.number(*lens, key) - image.record.number(*lens, key)) for key in keys)
-        # The first camera took two exposures each; the darker one is noisy at the borders of lenslets.
-        return zoom, focus, -white.record.number("devices", "shutter", "frameExposureDuration", default=0)
+    whites = dict(_white_records(files))
 
-    nearest = min(_whites(files), key=distance, default=None)
+    def distance(name: str) -> tuple[float, float, float]:
+        white = whites[name]
+        lens, keys = ("devices", "lens"), ("zoomStep", "focusStep")
+        zoom, focus = (abs(white.number(*lens, key) - image.record.number(*lens, key)) for key in keys)
+        # The first camera took two exposures each; the darker one is noisy at the borders of lenslets.
+        return zoom, focus, -white.number("devices", "shutter", "frameExposureDuration", default=0)
+
+    nearest = min(whites, key=distance, default=None)
     if nearest is None:
         raise FileError(f"{path} must hold white images of the camera of {image.path}", got="none", remedy=WHITE_REMEDY)
-    name = path / PureWindowsPath(nearest.name).name
-    return RawImage(name, lytro_files.unpacked(nearest.data(), nearest.record, name), nearest.record)
+    name = path / PureWindowsPath(nearest).name
+    return RawImage(name, lytro_files.unpacked(files[nearest](), whites[nearest], name), whites[nearest])
 
 
 def _calibration_files(path: Path) -> dict[str, Callable[[], bytes]]:
@@ -143,20 +138,14 @@ def _calibration_files(path: Path) -> dict[str, Callable[[], bytes]]:
     if path.suffix.lower() == lytro_files.BARE or not tarfile.is_tarfile(path):
         return {}
     with tarfile.open(path) as archive:
-        return {member.name: partial(_bytes_of, path, member) for member in archive.getmembers() if member.isfile()}
+        members = [member for member in archive.getmembers() if member.isfile()]
+        return {one.name: partial(lytro_files.bytes_of, path, one.offset_data, one.size) for one in members}
 
 
-def _bytes_of(path: Path, member: tarfile.TarInfo) -> bytes:
-    """The bytes of a file in a tar file."""
-    with path.open("rb") as file:
-        file.seek(member.offset_data)
-        return file.read(member.size)
-
-
-def _whites(files: Mapping[str, Callable[[], bytes]]) -> Iterator[_White]:
-    """The white images among the files of a calibration: `.RAW` files whose `.TXT` does not call them dark."""
+def _white_records(files: Mapping[str, Callable[[], bytes]]) -> Iterator[tuple[str, Record]]:
+    """Names and records of a calibration's white images: `.RAW` files whose `.TXT` does not call them dark."""
     texts = {name[:-4].lower(): read for name, read in files.items() if name.lower().endswith(".txt")}
-    for name, read in files.items():
+    for name in files:
         stem = name[:-4].lower()
         if not name.lower().endswith(lytro_files.BARE) or stem not in texts:
             continue
@@ -164,7 +153,7 @@ def _whites(files: Mapping[str, Callable[[], bytes]]) -> Iterator[_White]:
         frame = next(lytro_files.records(entries, "image", "devices"), None)
         tags: Mapping[str, Any] = next(lytro_files.records(entries, TAGS), {TAGS: {}})[TAGS]
         if frame is not None and tags.get("modulationFrame", True) and not tags.get("darkFrame", False):
-            yield _White(name, Record(Path(name), frame), read)
+            yield name, Record(Path(name), frame)
 
 
 def mosaic(record: Record) -> Mosaic:

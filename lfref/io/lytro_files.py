@@ -95,6 +95,13 @@ def records(contents: Any, *keys: str, depth: int = MAX_DEPTH) -> Iterator[Mappi
             yield from records(child, *keys, depth=depth - 1)
 
 
+def bytes_of(path: Path, start: int, n_bytes: int) -> bytes:
+    """Some bytes of a file."""
+    with atomic.file_errors(path, "read"), path.open("rb") as file:
+        file.seek(start)
+        return file.read(n_bytes)
+
+
 @dataclass(frozen=True)
 class Container:
     """A container, whose sections are read when they are used."""
@@ -132,10 +139,7 @@ class Container:
         """The bytes of a section."""
         if not self.holds(reference):
             raise unusable(self.path, "a whole container of a Lytro camera", f"no section {reference}")
-        start, n_bytes = self.sections[reference.lower()]
-        with atomic.file_errors(self.path, "read"), self.path.open("rb") as file:
-            file.seek(start)
-            return file.read(n_bytes)
+        return bytes_of(self.path, *self.sections[reference.lower()])
 
     def record(self, reference: Any) -> Record:
         """The JSON in a section."""
@@ -192,6 +196,8 @@ def frame_record(path: Path) -> Record:
     """The record of the frame of a container, or of a `.raw` file from the JSON beside it."""
     if path.suffix.lower() != BARE:
         container = Container.open(path)
+        if not container.holds(container.frame.get("imageRef")):
+            raise unusable(path, "a raw image of the sensor", "none; lfref view shows files for sharing")
         return container.record(container.frame.get("metadataRef"))
     for partner in _partners(path):
         whole = Record.parse(partner, partner.read_bytes())
@@ -210,17 +216,13 @@ def _partners(path: Path) -> Iterator[Path]:
 
 def read_raw(path: Path) -> RawImage:
     """The raw image of a container, or of a `.raw` file with its JSON; FileError for files for sharing."""
+    record = frame_record(path)
     if path.suffix.lower() == BARE:
-        record = frame_record(path)
         return RawImage(path, unpacked(path.read_bytes(), record, path), record)
     container = Container.open(path)
-    frame = container.frame
-    if not container.holds(frame.get("imageRef")):
-        raise unusable(path, "a raw image of the sensor", "none; lfref view shows files for sharing")
-    record = container.record(frame.get("metadataRef"))
-    samples, white = unpacked(container.data(frame["imageRef"]), record, path), frame.get("modulationDataRef")
+    samples, white = (container.frame.get(key) for key in ("imageRef", "modulationDataRef"))
     white_samples = unpacked(container.data(white), record, path) if container.holds(white) else None
-    return RawImage(path, samples, record, white_samples)
+    return RawImage(path, unpacked(container.data(samples), record, path), record, white_samples)
 
 
 def details(record: Record) -> tuple[str, ...]:

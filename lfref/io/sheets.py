@@ -10,7 +10,9 @@ import re
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch.nn import functional as F
 
 from lfref.errors import FileError
 from lfref.io import images
@@ -70,10 +72,8 @@ def _spans(image: NDArray, axis: int, count: int, path: Path) -> tuple[list[int]
         return begins.tolist(), int(sides.min())
     if length % count or length < count:
         expected = f"{path} must hold {count} {'columns' if axis else 'rows'} of views of one size"
-        remedy, shown = (
-            "set reader.grid=[rows,columns], or cut the picture",
-            likely_grid(split_weight(image)[0].mean(2)),
-        )
+        remedy = "set reader.grid=[rows,columns], or cut the picture"
+        shown = likely_grid(split_weight(image)[0].mean(2))
         raise FileError(expected, got=f"{length} pixels", remedy=remedy, proposals=[{"grid": shown}] if shown else [])
     return list(range(0, length, length // count)), length // count
 
@@ -102,7 +102,7 @@ def _periods(grey: NDArray) -> float:
     from scipy import ndimage  # slow to import
 
     width = min(REDUCED, grey.shape[1])
-    rows = _reduced(_reduced(grey, min(REDUCED, len(grey))).T, width).T
+    rows = _reduced(grey, min(REDUCED, len(grey)), width)
     rows = rows - ndimage.uniform_filter1d(rows, width // 8, axis=1)
     power = (np.abs(np.fft.rfft(rows, 2 * width)) ** 2).sum(axis=0)
     alike = np.fft.irfft(power)[:width] / np.arange(width, 0, -1)
@@ -119,8 +119,7 @@ def _periods(grey: NDArray) -> float:
 def _likeness(grey: NDArray, count: int) -> float:
     """Mean correlation of neighbouring ones of `count` parts along the rows of a picture [H, W]."""
     n_lines = min(4 * THUMBNAIL, grey.shape[0])
-    rows = _reduced(grey, n_lines)
-    parts = _reduced(rows.T, THUMBNAIL * count).T.reshape(n_lines, count, THUMBNAIL)
+    parts = _reduced(grey, n_lines, THUMBNAIL * count).reshape(n_lines, count, THUMBNAIL)
     # Each line of a part without its mean, so that a row of the sheet does not decide by its level.
     parts = parts - parts.mean(axis=2, keepdims=True)
     first, second = parts[:, :-1], parts[:, 1:]
@@ -128,10 +127,6 @@ def _likeness(grey: NDArray, count: int) -> float:
     return float((first * second).sum() / norm) if norm > 0 else 0.0
 
 
-def _reduced(lines: NDArray, count: int) -> NDArray:
-    """Means of `count` stretches of lines [L, ...] of about the same length."""
-    ends = np.linspace(0, len(lines), count + 1)
-    sums = np.concatenate([np.zeros_like(lines[:1], np.float64), lines.cumsum(axis=0, dtype=np.float64)])
-    whole = np.minimum(np.floor(ends).astype(int), len(lines) - 1)
-    at = sums[whole] + (ends - whole)[:, None] * lines[whole]
-    return np.diff(at, axis=0) / (len(lines) / count)
+def _reduced(grey: NDArray, height: int, width: int) -> NDArray:
+    """Means of rectangles of a picture of any type, float64, [height, width]."""
+    return F.adaptive_avg_pool2d(torch.from_numpy(grey.astype(np.float64))[None], (height, width))[0].numpy()

@@ -182,9 +182,8 @@ def test_a_dark_scene_is_left():
 
 def test_heights_are_those_over_the_largest_or_under_the_smallest_of_the_eight_around():
     images = torch.rand(3, 13, 22)
-    heights = torch.zeros_like(images)
-    bad_pixels.write_heights(images.numpy(), heights.numpy())
+    heights = torch.stack([bad_pixels.heights_of(image) for image in images])
     windows = F.unfold(images[:, None], 3).unflatten(2, (11, 20))
     middle, around = windows[:, 4], windows[:, [0, 1, 2, 3, 5, 6, 7, 8]]
     expected = torch.maximum(middle - around.amax(1), around.amin(1) - middle)
-    torch.testing.assert_close(heights[:, 1:-1, 1:-1], expected)
+    torch.testing.assert_close(heights, expected)

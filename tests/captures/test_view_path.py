@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy import ndimage
 
-from lfref.captures import view_path
+from lfref.captures import view_order
 from lfref.lightfield import LightField
 
 RANDOM = np.random.default_rng(0)
@@ -46,20 +46,20 @@ PATHS = {
 @pytest.mark.parametrize("name", PATHS)
 def test_the_options_of_a_path_are_named(name):
     cells, options = PATHS[name]
-    found = view_path.advice(field(cells))
+    found = view_order.path_advice(field(cells))
     assert found is None if options is None else found is not None and found.endswith(f"set {options}")
 
 
 @pytest.mark.parametrize(("cells", "is_serpentine"), [(BACK, True), (FORTH, False)])
 def test_a_serpentine_that_was_read_row_by_row_is_named(cells, is_serpentine):
     line = field(cells)
-    found = view_path.advice(LightField(line.views.reshape(3, 4, *line.views.shape[2:])))
+    found = view_order.path_advice(LightField(line.views.reshape(3, 4, *line.views.shape[2:])))
     assert (found is not None and "reader.grid=[3,4] reader.pattern=serpentine" in found) == is_serpentine
 
 
 @pytest.mark.parametrize("size", [(1, 9), (24, 32)])
 def test_views_that_are_alike_or_a_pixel_wide_say_nothing(size):
-    assert view_path.advice(LightField(torch.full((1, 9, 3, *size), 0.5))) is None
+    assert view_order.path_advice(LightField(torch.full((1, 9, 3, *size), 0.5))) is None
 
 
 def test_a_focal_stack_moves_nowhere():
@@ -68,8 +68,8 @@ def test_a_focal_stack_moves_nowhere():
         [WALL, *(ndimage.gaussian_filter(WALL, sigma, mode="wrap") for sigma in np.arange(0.5, 6.1, 0.5))]
     )
     stack = np.stack([levels[np.minimum(np.rint(2 * blur), 12).astype(int), np.arange(96)] for blur in sharp])
-    found = view_path.advice(LightField(torch.from_numpy(stack).float()[None, :, None]))
+    found = view_order.path_advice(LightField(torch.from_numpy(stack).float()[None, :, None]))
     assert found is not None
     assert "focal stack" in found
     # It is no path of other pictures either: a grid says nothing.
-    assert view_path.advice(LightField(torch.from_numpy(stack).float().reshape(3, 4, 1, 96, 128))) is None
+    assert view_order.path_advice(LightField(torch.from_numpy(stack).float().reshape(3, 4, 1, 96, 128))) is None
