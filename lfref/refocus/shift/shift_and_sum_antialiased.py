@@ -1,10 +1,10 @@
 """Shift-and-sum without copies of edges: where all is out of focus, each view stands for its cell of the aperture.
 
-Near the picture of the slow methods, in four times the time of a plain linear sum. In planes beyond the disparities of the scene
-all is blurred, and a sum of points would show copies. There each view stands for its whole cell: its box is as wide as
-the plane is from the middle disparity, and at most twice as wide as it is from the nearest one. Planes among the
-disparities stay sums of points, since cells of one width would blur what is in focus. `Scene.ends` are these
-disparities.
+Near the picture of the slow methods, in four times the time of a plain linear sum. In planes beyond the disparities
+of the scene all is blurred, and a sum of points would show copies. There each view stands for its whole cell: its box
+is as wide as the plane is from the middle disparity, and at most twice as wide as it is from the nearest one. Planes
+among the disparities stay sums of points, since cells of one width would blur what is in focus. `Scene.ends` are
+these disparities.
 Letters: `s` slope in pixels per view step, `N` planes.
 """
 
