@@ -31,9 +31,10 @@ from tqdm import tqdm
 
 import lfref
 from lfref.bench.evaluation import MEAN_CAP_DB
-from lfref.io import atomic
+from lfref.io import atomic, images
 from lfref.refocus.joint_wiener import prior_of_map, refocus_jointly
 from lfref.refocus.mean_of_views import mean_of_views
+from lfref.report.pictures import for_display
 
 mi.set_variant("llvm_ad_rgb")
 mi.set_log_level(mi.LogLevel.Error)
@@ -569,16 +570,28 @@ def score_table() -> Iterator[str]:
         yield pages.row("mean" + kind, *(f"{value:.2f}" for value in np.mean(rows, 0)))
 
 
+@torch.no_grad()
+def gallery(names: list[str]) -> None:
+    """Write pictures of scenes for docs/gallery.md: focused far, in the middle and near, side by side."""
+    for name in names:
+        views = judged(name)[0]
+        low, high = lfref.inspect(lfref.LightField(views)).slopes or (-1.0, 1.0)
+        far, middle, near = lfref.blockwise_wiener(views, [low, (low + high) / 2, high])
+        gap = torch.ones(3, SIZE[0], 6)
+        row = torch.cat([far, gap, middle, gap, near], 2)
+        images.write_image(pages.PICTURES / f"gallery_{name}.jpg", for_display(row), quality=88)
+
+
 def main() -> None:
     """Run one of the commands."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("command", choices=("render", "checksums", "score"))
+    parser.add_argument("command", choices=("render", "checksums", "score", "gallery"))
     parser.add_argument("names", nargs="*", metavar="SCENE", choices=[[], *SCENES], help="scenes to render; none: all")
     given = parser.parse_args()
     if given.command == "score":
         pages.fill({"judges": score_table()})
     else:
-        {"render": render, "checksums": checksums}[given.command](given.names or list(SCENES))
+        {"render": render, "checksums": checksums, "gallery": gallery}[given.command](given.names or list(SCENES))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,8 @@ REFOCUSING, SIMULATOR = (ROOT / "docs" / f"{name}.md" for name in ("refocusing",
 LARGEST, LARGEST_FILM = 120_000, 2_000_000  # bytes of a picture, of the README's film
 PLOTS = {"accuracy_time.png": "bench", "causes.png": "causes", "stability.png": "stability"}
 """What is drawn from tables that runs have left."""
-OF_OTHERS = {"refnet_capture.jpg", "page.jpg", "paper_scatter.png"}
+GALLERY = {path.name for path in (ROOT / "docs" / "pictures").glob("gallery_*.jpg")}
+OF_OTHERS = {"refnet_capture.jpg", "page.jpg", "paper_scatter.png"} | GALLERY
 """What other scripts draw, of a capture, a browser or trained networks."""
 
 

@@ -4,7 +4,7 @@
 Sharpness `E_n(y, x)` is the squared Laplacian of plane n, summed over channels and averaged over a Gaussian window
 with a faint wide skirt. Far from focus, few views leave copies of an edge instead of a blur, as sharp as the edge but
 as faint as one view; the skirt lets the edge itself win where nothing else is textured.
-Stacks should come from interpolation that blurs no plane more than another (`exact_fourier`, shift-and-sum by `spline`):
+Stacks should come from interpolation that blurs no plane more than another (`exact_fourier`, or sums by `spline`):
 linear interpolation pulls the index towards slopes whose shifts are whole. Limits: within about two radii of a depth
 edge the stronger texture takes the weaker one's place, with high confidence; at borders, where views end or wrap round,
 planes out of focus look sharp, so sharpness there is that of pixels just within (colours are the planes' own).
