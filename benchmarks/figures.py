@@ -71,7 +71,7 @@ def bench() -> Iterator[str]:
 
 METHODS = {
     "mean_of_views": "nothing: no refocusing, the plainest rival",
-    "shift_and_sum": "the plain sum of views, the labels of the paper",
+    "shift_and_sum": "the plain sum of views, which the paper's network learns",
     "shift_and_sum_antialiased": "the default: no copies of edges in wide blur",
     "separable_wiener": "much better, in four times the time",
     "blockwise_wiener": "the best; knows occlusion",

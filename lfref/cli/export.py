@@ -32,7 +32,8 @@ def export(config: DictConfig, folder: Path) -> None:
     drawn = [source.light(index) for index in progress(range(len(SIZES)), "drawing scenes")]
     fields = [field.crop(0, 0, *size) for field, size in zip(drawn, SIZES, strict=True)]
     parity = files.export(refocuser, path, fields, planes.slopes)
-    log.info("%s in %s: off by %.2g at most, %.0f dB", refocuser.name, path, parity.max_error, parity.psnr_db)
+    text = "wrote %s: its pictures differ from those of %s by %.2g at most (%.0f dB)"
+    log.info(text, path, refocuser.name, parity.max_error, parity.psnr_db)
 
 
 run = command(export)

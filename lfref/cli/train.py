@@ -47,7 +47,8 @@ def train(config: DictConfig, folder: Path) -> float | None:
         # Without this, the jobs of a multirun share one wandb run.
         wandb.finish()
     if trainer.is_global_zero:
-        log.info("trained %s; run folder %s", counted(trainer.current_epoch, "epoch"), folder)
+        epochs = counted(trainer.current_epoch, "epoch")
+        log.info("trained %s into %s; refocus by it: lfref refocus LIGHT_FIELD run=%s", epochs, folder, folder)
     return own.training["best_value"]
 
 
