@@ -380,14 +380,11 @@ def picture_motion(image: NDArray, lattice: Lattice) -> float:
     pupil = pictures.mean(axis=(0, 1))
     pictures = pictures - pupil * (pictures.mean(axis=(2, 3), keepdims=True) / max(pupil.mean(), 1e-30))
     waves = np.fft.rfft2(pictures, (2 * side, 2 * side))
-    overlap = np.fft.irfft2(np.abs(np.fft.rfft2(np.ones((side, side)), (2 * side, 2 * side))) ** 2)
     own, next_one = (
-        np.fft.irfft2((waves[:, 1:] * other.conj()).mean(axis=(0, 1))) / np.maximum(overlap, 1)
-        for other in (waves[:, 1:], waves[:, :-1])
+        np.fft.irfft2((waves[:, 1:] * other.conj()).mean(axis=(0, 1))) for other in (waves[:, 1:], waves[:, :-1])
     )
     offset = np.fft.fftfreq(2 * side, 1 / (2 * side)).astype(int)
-    is_near = np.hypot(offset[:, None], offset) < 0.6 * side
-    y, x = np.unravel_index(int(np.where(is_near, next_one, -np.inf).argmax()), own.shape)
+    y, x = np.unravel_index(int(next_one.argmax()), own.shape)
     motion, peak = math.hypot(offset[y], offset[x]), float(next_one[y, x])
     half = float(own[offset[y] // 2, offset[x] // 2])
     return motion if peak > ALIKE * own[0, 0] and motion >= LEAST_MOTION and half < FINE * peak else 0.0
