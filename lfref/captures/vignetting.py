@@ -317,8 +317,6 @@ def _middle_level(view: Tensor, share: float) -> Tensor:
 
 def noise_of(image: Tensor) -> float:
     """Standard deviation of an even picture's noise [C, H, W] in its worst channel, as if pixels were independent."""
-    if min(image.shape[-2:]) < 3:
-        return 0.0
     # Interpolated samples share their noise: blocks of 8x8 then have more noise than single samples suggest.
     blocks = 8 * _roughness(F.avg_pool2d(image, 8)) if min(image.shape[-2:]) >= 96 else 0.0
     return max(_roughness(image), blocks)
