@@ -82,11 +82,10 @@ def _decode_picture(path: Path, options: ReadOptions) -> Samples:
     return decode(path, options)
 
 
-_LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp", "jpeg")]
 LENSLETS = Format(
     "eslf",
-    tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
-    tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
+    tuple(magic for name, known in images.FORMATS.items() if name not in ("exr", "hdr") for magic in known.magics),
+    tuple(suffix for suffix in images.SUFFIXES if suffix not in (".exr", ".hdr", ".jpg", ".jpeg")),
     _decode_picture,
 )
 EXR = Format("exr", *images.FORMATS["exr"], exr.decode_views, exr.holds_views)
