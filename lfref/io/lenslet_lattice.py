@@ -103,11 +103,6 @@ class Lattice:
         is_second = distances[1] < distances[0]
         return np.where(is_second, numbers[1][0], numbers[0][0]), np.where(is_second, numbers[1][1], numbers[0][1])
 
-    def steps(self) -> tuple[Pair, Pair]:
-        """The directions (y, x) of `v` (from row to row) and of `u` (along a row), one pixel long."""
-        (row_y, row_x), (column_y, column_x), (down, along) = self.rows, self.columns, self.pitch
-        return (row_y / down, row_x / down), (column_y / along, column_x / along)
-
     def within(self, size: tuple[int, int], reach: Pair) -> tuple[range, range]:
         """Rows and columns of a block of lenslets that reach so far (y, x) from their centres and lie in a picture."""
         i, j = self.numbers_around(size)
@@ -156,7 +151,8 @@ def sample_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window
     reach = (grid[0] - 1) / 2, (grid[1] - 1) / 2
     i, j = (np.array(numbers, dtype=int) for numbers in lattice.within(image.shape[:2], reach))
     y, x = lattice.centres(i[:, None], j[None, :])
-    (v_y, v_x), (u_y, u_x) = lattice.steps()
+    # Steps (y, x) of one pixel from row to row and along a row.
+    (v_y, v_x), (u_y, u_x) = np.divide([lattice.rows, lattice.columns], np.array(lattice.pitch)[:, None])
     padded = np.pad(np.asarray(image, np.float32), ((1, 3), (1, 3), (0, 0)), mode="edge")
     views = np.empty((*(len(range(grid[k])[window[k]]) for k in (0, 1)), image.shape[2], *y.shape), np.float32)
     for v, u in np.ndindex(views.shape[:2]):

@@ -300,8 +300,8 @@ def _exif(path: Path) -> dict[str, str]:
         return str(attributes.get(name, "")).strip()
 
     # Many models repeat the make.
-    entries = {"camera": " ".join(dict.fromkeys((text("Make"), text("Model")))).strip()}
-    entries |= {"lens": text("Exif:LensModel"), "date": text("Exif:DateTimeOriginal")}
+    camera = " ".join(dict.fromkeys((text("Make"), text("Model")))).strip()
+    entries = {"camera": camera, "lens": text("Exif:LensModel"), "date": text("Exif:DateTimeOriginal")}
     for name, (attribute, form) in EXIF.items():
         value = attributes.get(attribute)
         if isinstance(value, int | float) and value > 0:
