@@ -117,7 +117,7 @@ def find_hot(field: LightField, disparity: Tensor, reference: tuple[int, int]) -
 
 def candidates(views: Tensor) -> tuple[Tensor, Tensor]:
     """Samples that stick out of their view, [K, 5], and their heights, [K]; channels with too many are left out."""
-    samples, found = [], []
+    samples, found = [torch.zeros(0, 5, dtype=torch.long)], [torch.zeros(0)]
     for channel in range(views.shape[2]):
         images = views[:, :, channel].detach().float().cpu()
         # One image at a time stays in the processor's cache.
@@ -129,8 +129,6 @@ def candidates(views: Tensor) -> tuple[Tensor, Tensor]:
         if len(v) < MOST and np.isfinite(limit):
             samples.append(torch.stack([v, u, torch.full_like(v, channel), y + 1, x + 1], 1))
             found.append(heights[v, u, y, x])
-    if not samples:
-        return torch.zeros(0, 5, dtype=torch.long), torch.zeros(0)
     return torch.cat(samples), torch.cat(found)
 
 

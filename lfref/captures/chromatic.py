@@ -111,7 +111,7 @@ def observe_again(registered: Registration, sizes: Tensor, disparities: Tensor) 
     samples = []
     for c in range(views.shape[1]):
         read_at = registered.expected + sizes[c] * middles + disparities[c] * registered.positions
-        samples.append(displacements.read_patches(views, registered.patches, read_at, [c]))
+        samples.append(displacements.read_patches(views[:, c : c + 1], registered.patches, read_at))
     return displacements.observe(torch.cat(samples, 2), registered.observed.shown)
 
 

@@ -173,20 +173,23 @@ def correct(
         if flat_field and (_shape(flat_field) != _shape(field) or (field.is_linear and not flat_field.is_linear)):
             expected = f"the flat field must have the {_shape(field)} of {field.name or 'the light field'}, as linear"
             raise InputError(expected, got=_shape(flat_field), remedy="read both with the same reader options")
-        return _estimate_and_correct(field, flat_field, even_grid_for, in_place)
-    if flat_field is not None:
+        corrected, corrections = _estimate_and_correct(field, flat_field, in_place)
+    elif flat_field is not None:
         raise InputError("a flat field is for correct=auto", got=f"correct={how}", remedy="leave flat_field= out")
-    corrections = how if isinstance(how, Corrections) else load(how)
-    corrections = corrections.skipping(_skipped_of_encoded(field))
+    else:
+        corrections = how if isinstance(how, Corrections) else load(how)
+        corrections = corrections.skipping(_skipped_of_encoded(field))
+        corrected = corrections.apply(field)
     if even_grid_for and SpacingDefect.name in corrections.active:
-        spacing = corrections[SpacingDefect.name]
+        # This correction is the last one, and moves nothing but positions.
+        spacing, corrected = corrections[SpacingDefect.name], dataclasses.replace(corrected, positions=field.positions)
         corrections = corrections.skipping({spacing.name: f"{spacing.summary()}, but {even_grid_for}"})
-    return corrections.apply(field), corrections
+    return corrected, corrections
 
 
 @torch.no_grad()
 def _estimate_and_correct(
-    field: LightField, flat_field: LightField | None, even_grid_for: str | None, in_place: bool
+    field: LightField, flat_field: LightField | None, in_place: bool
 ) -> tuple[LightField, Corrections]:
     """Estimate all defects in turn, and correct those that show."""
     grid, size, skipped = field.grid, field.size, _skipped_of_encoded(field)
@@ -245,12 +248,7 @@ def _estimate_and_correct(
     if correct_if_due(AlignmentDefect, registration.find_alignment(registered)):
         view = central_view(field)
         registered = _registration(field, view)
-    spacing = registration.find_spacing(registered)
-    if even_grid_for and isinstance(spacing, SpacingDefect):
-        defects.append(spacing)
-        skipped |= {spacing.name: f"{spacing.summary()}, but {even_grid_for}"}
-    else:
-        correct_if_due(SpacingDefect, spacing)
+    correct_if_due(SpacingDefect, registration.find_spacing(registered))
     return field, Corrections(grid, size, tuple(defects), unchanged, skipped)
 
 

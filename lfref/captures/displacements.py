@@ -9,7 +9,6 @@ Source: Lucas, Kanade, "An Iterative Image Registration Technique", 1981.
 """
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -68,9 +67,7 @@ def choose_patches(grey: Tensor, disparity: Tensor, positions: Tensor, n_channel
     return Patches(tops[row], lefts[column], mean.flatten()[index].double())
 
 
-def read_patches(
-    views: Tensor, patches: Patches, displacements: Tensor, channels: Sequence[int] | None = None
-) -> Tensor:
+def read_patches(views: Tensor, patches: Patches, displacements: Tensor) -> Tensor:
     """Patches with their ring, each view read lower and farther right by displacements [K, I, 2]: [K, I, C, 20, 20]."""
     views, starts = views.float(), torch.stack([patches.rows, patches.columns], -1)[:, None] - RING + displacements
     side = SIDE + 2 * RING
@@ -86,10 +83,10 @@ def read_patches(
     along = torch.arange(side + n_taps - 1)
     rows, columns = ((whole.long() - BEFORE)[..., None] + along).unbind(2)
     view = torch.arange(len(views))[:, None, None, None]
-    which = torch.tensor(range(views.shape[1]) if channels is None else channels)[:, None, None]
+    channel = torch.arange(views.shape[1])[:, None, None]
     # One patch at a time, in all views, stays in the processor's cache.
     read = [
-        down[:, None] @ views[view, which, y[:, None, :, None], x[:, None, None, :]] @ across[:, None].mT
+        down[:, None] @ views[view, channel, y[:, None, :, None], x[:, None, None, :]] @ across[:, None].mT
         for (down, across), y, x in zip(matrices.transpose(1, 2), rows, columns, strict=True)
     ]
     return torch.stack(read)

@@ -100,9 +100,7 @@ class Inspection:
         """The inspection as lines of two columns: what the scene shows, then its defects, then advice."""
         rows, planes = self.as_dict(), self.planes.values
         defects, advice = rows.pop("defects"), rows.pop("advice")
-        rows["slopes"] = "unknown"
-        if self.slopes is not None:
-            rows["slopes"] = "{:.3g} to {:.3g} px per view step".format(*self.slopes)
+        rows["slopes"] = "{:.3g} to {:.3g} px per view step".format(*self.slopes) if self.slopes else "unknown"
         rows["planes"] = f"{len(planes)} from {planes[0]:.3g} to {planes[-1]:.3g} (planes=auto)"
         pairs = [*rows.items(), *defects.items(), *(("try", text) for text in advice)]
         return [f"{name:<15} {text}" for name, text in pairs]

@@ -114,7 +114,9 @@ def _shown(field: LightField, patches: Patches, positions: Tensor) -> Tensor:
 def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor, unknown: Tensor) -> Explanation:
     """Find shifts and disparities by least squares that give outliers less weight; `unknown` shifts [2I, M] stay 0."""
     n_views, trust = len(positions), shown
-    unknown = _among(unknown, shown.any(0))
+    # Onto the unknown shifts of the views that are there: missing ones would absorb them.
+    unknown = unknown * shown.any(0).repeat_interleave(2)[:, None]
+    projection = unknown @ torch.linalg.pinv(unknown, rtol=1e-6)
     for _ in range(4):  # number of weightings of outliers, by trial
         weights = trust[..., None, None] * information[:, None]
         # Normal equations of (shifts, disparities). Disparities are eliminated first: they belong to one patch each.
@@ -127,7 +129,7 @@ def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor
         curvature = torch.block_diag(*weights.sum(0)) - torch.einsum("kxb,kby->xy", columns, onto)
         curvature = curvature + torch.eye(2 * n_views, dtype=weights.dtype) / LOOSE**2
         # Unknown shifts get a penalty as large as all measurements.
-        curvature = curvature + curvature.diagonal().mean() * (unknown @ unknown.mT)
+        curvature = curvature + curvature.diagonal().mean() * projection
         slope = right.sum(0).flatten() - torch.einsum("kby,kb->y", onto, own)
         shifts = torch.linalg.solve(curvature, slope).unflatten(0, (n_views, 2))
         disparities = torch.linalg.solve(inner, own - torch.einsum("kiab,ia->kb", cross, shifts))
@@ -136,14 +138,6 @@ def explain(information: Tensor, moved: Tensor, shown: Tensor, positions: Tensor
         typical = (outlying[shown > 0] if bool(shown.any()) else outlying).median().clamp(min=TINY)
         trust = shown / (1 + outlying / (OUTLYING**2 * typical))
     return Explanation(shifts, disparities, inner.diagonal(dim1=-2, dim2=-1) / typical, trust)
-
-
-def _among(patterns: Tensor, is_there: Tensor) -> Tensor:
-    """Patterns of shifts [2I, M], reduced to the views that are there [I]: missing ones would absorb their shifts."""
-    if bool(is_there.all()):
-        return patterns
-    left, sizes, _ = torch.linalg.svd(patterns * is_there.repeat_interleave(2)[:, None], full_matrices=False)
-    return left[:, sizes > 1e-6]  # patterns of length 1 that are no sum of the others
 
 
 PROPORTIONAL = slice(4)  # those of `linear_shifts` that are equal for all views, or in proportion to the positions

@@ -114,14 +114,14 @@ def find(ratios: Ratios) -> VignettingDefect | str:
     if len(steps) < LEAST_WINDOWS * known.shape[0] * known.shape[1] / 2:
         return "unknown: too little is visible in all views"
     problem = _Problem(ratios, 1.4826 * float(steps.abs().median()) / math.sqrt(2))
-    lens, terms = NO_LENS, list[str]()
+    lens, terms, parameters = NO_LENS, list[str](), list[int]()
     costs = problem.held_out_costs(lens, ())
     while True:
         # A lens has a rim or smooth shading: each would explain what the other leaves.
         excluded = {*terms, "rim" if "shading" in terms else "its shape", "shading" if "rim" in terms else ""}
         trials = []
         for term in [term for term in TERMS if term not in excluded]:
-            free = _parameters(*terms, term)
+            free = [*parameters, *TERMS[term]]
             fitted = problem.with_term(lens, term, free)
             if term != "rim" or problem.is_rim_dark(fitted):
                 trials.append((problem.held_out_costs(fitted, free), fitted, term))
@@ -130,19 +130,16 @@ def find(ratios: Ratios) -> VignettingDefect | str:
             break
         costs, lens, term = min(trials, key=lambda trial: float(trial[0].sum()))
         terms.append(term)
+        parameters += TERMS[term]
     if "falloff" in terms:
         # Highlights that move look like falloff: the mean of what is usual and what is measured, by their errors; more
         # than twice the usual is no falloff.
-        error = GLOSSY * problem.falloff_error(lens, _parameters(*terms))
+        error = GLOSSY * problem.falloff_error(lens, parameters)
         falloff = lens[0] * USUAL**2 / (USUAL**2 + error**2) if 0 < lens[0] < 2 * USUAL else 0.0
         lens = (falloff, *lens[1:])
     if float(lens_gain(lens, *problem.places, *problem.views).clamp(min=LEAST_RATIO).log().abs().max()) < SHOWN:
         return "no view is darker in its corners than others"
     return VignettingDefect(lens)
-
-
-def _parameters(*terms: str) -> list[int]:
-    return [n for term in terms for n in TERMS[term]]
 
 
 def rim_gain(lens: Lens, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
@@ -154,11 +151,6 @@ def rim_gain(lens: Lens, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
     return ((radius + 0.5 - distance) / own).clamp(0, 1)
 
 
-def falloff_gain(lens: Lens, y: Tensor, x: Tensor) -> Tensor:
-    """Share of the light that falloff leaves in all views, (0, 1]."""
-    return (1 + lens[0] * (y.square() + x.square())).clamp(min=0.1) ** -2
-
-
 def shading_gain(lens: Lens, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
     """Light of smooth shading, relative to the central view and to the centre of each view."""
     across, place, view = q * y + p * x, y.square() + x.square(), q.square() + p.square()
@@ -168,7 +160,8 @@ def shading_gain(lens: Lens, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tens
 
 def lens_gain(lens: Lens, y: Tensor, x: Tensor, q: Tensor, p: Tensor) -> Tensor:
     """Light that a lens lets through; arguments as in `rim_gain`."""
-    return rim_gain(lens, y, x, q, p) * falloff_gain(lens, y, x) * shading_gain(lens, y, x, q, p)
+    falloff = (1 + lens[0] * (y.square() + x.square())).clamp(min=0.1) ** -2
+    return rim_gain(lens, y, x, q, p) * falloff * shading_gain(lens, y, x, q, p)
 
 
 class _Problem:
@@ -317,8 +310,6 @@ def _middle_level(view: Tensor, share: float) -> Tensor:
 
 def noise_of(image: Tensor) -> float:
     """Standard deviation of an even picture's noise [C, H, W] in its worst channel, as if pixels were independent."""
-    if min(image.shape[-2:]) < 3:
-        return 0.0
     # Interpolated samples share their noise: blocks of 8x8 then have more noise than single samples suggest.
     blocks = 8 * _roughness(F.avg_pool2d(image, 8)) if min(image.shape[-2:]) >= 96 else 0.0
     return max(_roughness(image), blocks)

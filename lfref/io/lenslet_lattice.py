@@ -103,11 +103,6 @@ class Lattice:
         is_second = distances[1] < distances[0]
         return np.where(is_second, numbers[1][0], numbers[0][0]), np.where(is_second, numbers[1][1], numbers[0][1])
 
-    def steps(self) -> tuple[Pair, Pair]:
-        """The directions (y, x) of `v` (from row to row) and of `u` (along a row), one pixel long."""
-        (row_y, row_x), (column_y, column_x), (down, along) = self.rows, self.columns, self.pitch
-        return (row_y / down, row_x / down), (column_y / along, column_x / along)
-
     def within(self, size: tuple[int, int], reach: Pair) -> tuple[range, range]:
         """Rows and columns of a block of lenslets that reach so far (y, x) from their centres and lie in a picture."""
         i, j = self.numbers_around(size)
@@ -156,7 +151,8 @@ def sample_views(image: NDArray, lattice: Lattice, grid: tuple[int, int], window
     reach = (grid[0] - 1) / 2, (grid[1] - 1) / 2
     i, j = (np.array(numbers, dtype=int) for numbers in lattice.within(image.shape[:2], reach))
     y, x = lattice.centres(i[:, None], j[None, :])
-    (v_y, v_x), (u_y, u_x) = lattice.steps()
+    # Steps (y, x) of one pixel from row to row and along a row.
+    (v_y, v_x), (u_y, u_x) = np.divide([lattice.rows, lattice.columns], np.array(lattice.pitch)[:, None])
     padded = np.pad(np.asarray(image, np.float32), ((1, 3), (1, 3), (0, 0)), mode="edge")
     views = np.empty((*(len(range(grid[k])[window[k]]) for k in (0, 1)), image.shape[2], *y.shape), np.float32)
     for v, u in np.ndindex(views.shape[:2]):
@@ -380,14 +376,11 @@ def picture_motion(image: NDArray, lattice: Lattice) -> float:
     pupil = pictures.mean(axis=(0, 1))
     pictures = pictures - pupil * (pictures.mean(axis=(2, 3), keepdims=True) / max(pupil.mean(), 1e-30))
     waves = np.fft.rfft2(pictures, (2 * side, 2 * side))
-    overlap = np.fft.irfft2(np.abs(np.fft.rfft2(np.ones((side, side)), (2 * side, 2 * side))) ** 2)
     own, next_one = (
-        np.fft.irfft2((waves[:, 1:] * other.conj()).mean(axis=(0, 1))) / np.maximum(overlap, 1)
-        for other in (waves[:, 1:], waves[:, :-1])
+        np.fft.irfft2((waves[:, 1:] * other.conj()).mean(axis=(0, 1))) for other in (waves[:, 1:], waves[:, :-1])
     )
     offset = np.fft.fftfreq(2 * side, 1 / (2 * side)).astype(int)
-    is_near = np.hypot(offset[:, None], offset) < 0.6 * side
-    y, x = np.unravel_index(int(np.where(is_near, next_one, -np.inf).argmax()), own.shape)
+    y, x = np.unravel_index(int(next_one.argmax()), own.shape)
     motion, peak = math.hypot(offset[y], offset[x]), float(next_one[y, x])
     half = float(own[offset[y] // 2, offset[x] // 2])
     return motion if peak > ALIKE * own[0, 0] and motion >= LEAST_MOTION and half < FINE * peak else 0.0

@@ -112,8 +112,6 @@ def _check_aligned(grey: NDArray, path: Path, lenslet: int, shown: float | None,
     """Refuse an image [H, W] that shows no lenslets of this size; if the size was given, warn; small ones pass."""
     size, got = min(grey.shape), ""
     proposals: list[dict[str, object]] = []
-    if size < lenslet:
-        raise FileError(f"{path} must hold a lenslet of {lenslet} pixels", got=f"{grey.shape[0]}x{grey.shape[1]}")
     if lenslet < SHORTEST_PITCH or not np.ptp(grey):
         return
     if shown != lenslet and (grid := sheets.likely_grid(grey)) is not None:
@@ -185,8 +183,6 @@ def roundness(image: NDArray, lattice: Lattice) -> tuple[float, float]:
 
 def steps_along(image: NDArray, axis: int) -> NDArray | None:
     """Mean difference of each pixel from the next along an axis of an image [H, W]; None if it is too flat or small."""
-    if image.shape[axis] < 2 * SHORTEST_PITCH:
-        return None
     rows = image if axis else image.T
     tops = np.unique(np.linspace(0, max(0, len(rows) - THICKNESS), STRIPS).astype(int))
     steps = np.abs(np.diff(np.concatenate([rows[top : top + THICKNESS] for top in tops]), axis=1))

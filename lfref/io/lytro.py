@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from torch.nn import functional as F
 
 from lfref import encoding as encodings
-from lfref.errors import FileError, first_line
+from lfref.errors import FileError
 from lfref.io import images, lenslet_lattice, lenslets, lytro_files
 from lfref.io.lenslet_lattice import Lattice
 from lfref.io.lytro_files import RawImage, Record, unusable
@@ -97,10 +97,7 @@ def _white_light(image: RawImage, path: Path | None, pattern: Mosaic) -> NDArray
 
 def read_white(path: Path, image: RawImage) -> RawImage:
     """The white image for a raw image: the file itself, or that of a calibration with the nearest zoom, then focus."""
-    try:
-        files = _calibration_files(path)
-    except tarfile.TarError as error:
-        raise images.damaged(path, first_line(error)) from error
+    files = _calibration_files(path)
     if not files and not path.is_dir():
         return lytro_files.read_raw(path)
 

@@ -34,8 +34,6 @@ CONTENTS, DATA = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
 """First bytes of sections: the table of contents, and all others."""
 PACKINGS = {"12 bits, big-endian": (2, 3), "10 bits, little-endian": (4, 5)}
 """Packing -> number of samples in a group, and of its bytes: of the first camera, and of the Illum."""
-FRAMES = (("frames",), ("picture", "frameArray"))
-"""Keys of the list of frames in the table of contents: of the Illum, and of the first camera."""
 REFOCUS_STACK = "com.lytro.acceleration.refocusStack"
 LARGEST = 1e30
 """Bound of all numbers in JSON: products of two of them fit into float64."""
@@ -148,10 +146,9 @@ class Container:
     @property
     def frame(self) -> Mapping[str, Any]:
         """References of the first frame, `imageRef`, `metadataRef` and others; empty if there is no frame."""
-        for keys in FRAMES:
-            if isinstance(frame := self.contents.get(*keys, 0, "frame"), Mapping):
-                return frame
-        return {}
+        # The Illum, or the first camera.
+        frame = self.contents.get("frames", 0, "frame") or self.contents.get("picture", "frameArray", 0, "frame")
+        return frame if isinstance(frame, Mapping) else {}
 
     @property
     def stack(self) -> Record | None:

@@ -84,11 +84,10 @@ def _decode_picture(path: Path, options: ReadOptions) -> Samples:
     return decode(path, options)
 
 
-_LENSLETS = [images.FORMATS[name] for name in ("png", "tiff", "bmp", "jpeg2000", "jpegxl", "pnm", "webp", "jpeg")]
 LENSLETS = Format(
     "eslf",
-    tuple(magic for image_format in _LENSLETS for magic in image_format.magics),
-    tuple(suffix for image_format in _LENSLETS[:-1] for suffix in image_format.suffixes),
+    tuple(magic for name, known in images.FORMATS.items() if name not in ("exr", "hdr") for magic in known.magics),
+    tuple(suffix for suffix in images.SUFFIXES if suffix not in (".exr", ".hdr", ".jpg", ".jpeg")),
     _decode_picture,
 )
 EXR = Format("exr", *images.FORMATS["exr"], exr.decode_views, exr.holds_views)
@@ -303,8 +302,8 @@ def _exif(path: Path) -> dict[str, str]:
         return str(attributes.get(name, "")).strip()
 
     # Many models repeat the make.
-    entries = {"camera": " ".join(dict.fromkeys((text("Make"), text("Model")))).strip()}
-    entries |= {"lens": text("Exif:LensModel"), "date": text("Exif:DateTimeOriginal")}
+    camera = " ".join(dict.fromkeys((text("Make"), text("Model")))).strip()
+    entries = {"camera": camera, "lens": text("Exif:LensModel"), "date": text("Exif:DateTimeOriginal")}
     for name, (attribute, form) in EXIF.items():
         value = attributes.get(attribute)
         if isinstance(value, int | float) and value > 0:

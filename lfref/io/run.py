@@ -1,8 +1,8 @@
 """The run folder of a command: config.yaml, overrides.yaml, and what `lfref train` writes (training.json, ...)."""
 
 import csv
+import itertools
 import json
-import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from lfref.io import atomic
 CONFIG, OVERRIDES = "config.yaml", "overrides.yaml"
 NOTES = CONFIG, OVERRIDES
 """Files that a run writes before its results."""
-CHECKPOINTS, METRICS, PICTURES = "checkpoints", "log/metrics.csv", "pictures"
+CHECKPOINTS, METRICS = "checkpoints", "log/metrics.csv"
 TRAINING = "training.json"
 """File with size, time, best value and end of a training."""
 FOLDERS = "output", "folder", "resume", "overwrite"
@@ -91,15 +91,9 @@ class Run:
             # A killed training may have cut off its last line.
             rows = [row for row in csv.DictReader(file) if None not in row.values()]
         # A training that went on from a checkpoint has logged the steps after it twice.
-        kept: list[dict[str, float | None]] = []
-        first = math.inf
-        for row in reversed(rows):
-            numbers = {name: float(cell) if cell else None for name, cell in row.items()}
-            step = numbers.get("step")
-            if step is None or step <= first:
-                kept.append(numbers)
-                first = first if step is None else step
-        return kept[::-1]
+        later = list(itertools.accumulate((float(row["step"]) for row in reversed(rows)), min))[::-1]
+        kept = [row for row, least in zip(rows, later, strict=True) if float(row["step"]) <= least]
+        return [{name: float(cell) if cell else None for name, cell in row.items()} for row in kept]
 
     @property
     def is_finished(self) -> bool:

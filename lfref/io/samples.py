@@ -104,16 +104,10 @@ class ReadOptions:
                 options["calibration"] = Path(options["calibration"])
             own = cls(**options)
             (_, _), (_, _), (black, white) = own.size or (1, 1), own.offset or (0, 0), own.value_range or (0, 1)
-            is_possible = (
-                (own.lenslet is None or own.lenslet >= 1)
-                and min(own.spacing or (1, 1)) > 0
-                and abs(own.rotation or 0) <= 45
-            )
-            is_possible = (
-                is_possible
-                and black < white
-                and min(own.pitch or (math.inf, math.inf)) >= SHORTEST_PITCH * row_distance
-            )
+            least_pitch = min(own.pitch or (math.inf, math.inf))
+            is_possible = least_pitch >= SHORTEST_PITCH * row_distance and abs(own.rotation or 0) <= 45
+            is_possible &= own.lenslet is None or own.lenslet >= 1
+            is_possible &= min(own.spacing or (1, 1)) > 0 and black < white
         except (KeyError, TypeError, ValueError, IndexError):
             is_possible = False
         if not is_possible:

@@ -3,6 +3,7 @@
 Format of safetensors: https://github.com/huggingface/safetensors. Our texts in it are JSON.
 """
 
+import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,13 +22,11 @@ SUFFIX = ".safetensors"
 
 def write_checkpoint(path: str | Path, contents: Mapping[str, Any]) -> None:
     """Write plain containers and tensors as a file of `torch.save`; FileError if the disk refuses."""
+    # PyTorch would hide an error of the disk behind its own.
+    file = io.BytesIO()
+    torch.save(dict(contents), file)
     with atomic.replacing(path) as partial:
-        try:
-            with partial.open("wb") as file:
-                torch.save(dict(contents), file)
-        except RuntimeError as error:
-            # PyTorch hides the error of the disk behind its own.
-            raise error.__context__ if isinstance(error.__context__, OSError) else error from None
+        partial.write_bytes(file.getbuffer())
 
 
 def read_checkpoint(path: Path) -> Any:

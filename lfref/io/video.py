@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfref import encoding as encodings
 from lfref import extras
-from lfref.errors import FileError, InputError, counted, first_line
+from lfref.errors import InputError, counted, first_line
 from lfref.io import atomic, images, samples
 from lfref.io.samples import ReadOptions, Samples
 
@@ -89,24 +89,18 @@ def write_video(path: str | Path, frames: Iterable[Frame], rate: float = 8.0) ->
     with extras.needed("a film"):
         import av
 
-    path = Path(path)
-    try:
-        with (
-            atomic.replacing(path) as partial,
-            av.open(str(partial), "w", options={"movflags": "faststart"}) as container,
-        ):
-            container.metadata["comment"] = "lfref"
-            stream = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000), options=X264)
-            stream.pix_fmt = "yuv420p"
-            for name, value in BT709.items():
-                setattr(stream.codec_context, name, value)
-            for frame in frames:
-                even = np.pad(frame, [*((0, side % 2) for side in frame.shape[:2]), (0, 0)], "edge")
-                if not stream.codec_context.is_open:
-                    stream.height, stream.width = even.shape[:2]
-                picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
-                converted = picture.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
-                container.mux(stream.encode(converted))
-            container.mux(stream.encode())
-    except av.FFmpegError as error:
-        raise FileError(f"{path} cannot be written", got=first_line(error), remedy="check the disk") from error
+    options = {"movflags": "faststart"}
+    with atomic.replacing(path) as partial, av.open(str(partial), "w", options=options) as container:
+        container.metadata["comment"] = "lfref"
+        stream = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000), options=X264)
+        stream.pix_fmt = "yuv420p"
+        for name, value in BT709.items():
+            setattr(stream.codec_context, name, value)
+        for frame in frames:
+            even = np.pad(frame, [*((0, side % 2) for side in frame.shape[:2]), (0, 0)], "edge")
+            if not stream.codec_context.is_open:
+                stream.height, stream.width = even.shape[:2]
+            picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
+            converted = picture.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
+            container.mux(stream.encode(converted))
+        container.mux(stream.encode())

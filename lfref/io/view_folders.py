@@ -97,16 +97,14 @@ def fields_of(
 
 
 def numbered_fields(files: Iterable[Path]) -> list[list[Named]]:
-    """The files that are numbered, one list per name; a name with one picture counts only if no name has more."""
-    fields = fields_of(files, [AMBIGUOUS_PATTERNS["index"]])
-    return [field for field in fields if len(field) > 1] or fields
+    """The numbered files that count as views without the option `pattern`, one list per name: a square number."""
 
+    def is_square(field: list[Named]) -> bool:
+        numbers = {int(file["index"]) for file in field}
+        is_enough = len(numbers) == len(field) >= FEWEST_NUMBERED
+        return is_enough and square(min(numbers), max(numbers), len(numbers)) is not None
 
-def _looks_like_views(field: list[Named]) -> bool:
-    """Whether numbered pictures count as views without the option `pattern`: they are a square number."""
-    numbers = {int(file["index"]) for file in field}
-    is_enough = len(numbers) == len(field) >= FEWEST_NUMBERED
-    return is_enough and square(min(numbers), max(numbers), len(numbers)) is not None
+    return list(filter(is_square, fields_of(files, [AMBIGUOUS_PATTERNS["index"]])))
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -119,7 +117,7 @@ def image_files(folder: Path) -> list[Path]:
 def is_field(folder: Path) -> bool:
     """Whether a folder holds files that are named like sub-aperture views."""
     files = image_files(folder)
-    return bool(fields_of(files)) or any(map(_looks_like_views, numbered_fields(files)))
+    return bool(fields_of(files) or numbered_fields(files))
 
 
 def arrange(folder: Path, field: list[Named], options: ReadOptions) -> tuple[dict[Cell, Named], Cell]:
@@ -205,7 +203,7 @@ def _only_field(folder: Path, pattern: str | None) -> list[Named]:
         # A single name beside a light field is that of another picture, such as a depth map.
         named = fields_of(files)
         fields = [field for field in named if len(field) > 1]
-        fields = fields or [field for field in numbered_fields(files) if _looks_like_views(field)] or named
+        fields = fields or numbered_fields(files) or named
     if len(fields) != 1:
         names = [field[0].string for field in fields[:2]] or [path.name for path in files[:1]] or ["none"]
         below = [child.name for child in sorted(folder.iterdir()) if child.is_dir() and is_field(child)]

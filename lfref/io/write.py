@@ -94,7 +94,5 @@ def _check(path: Path, light: Tensor, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise FileError(f"{path} must be new", got="one that is there", remedy="choose another, or overwrite=True")
     if path.suffix.lower() not in SUFFIXES or light.shape[-3] not in (1, 3, *range(5, 1000 if path.suffix else 0)):
-        expected = (
-            f"{path} must end in .exr, or have no suffix for a folder, and get 1 or 3 channels; EXR also more than 4"
-        )
+        expected = f"{path} must end in .exr or be a folder, and get 1 or 3 channels; EXR also more than 4"
         raise InputError(expected, got=light.shape[-3])

@@ -108,7 +108,8 @@ def true_views(used: Lattice, truth: Lattice, camera: Camera, grid: tuple[int, i
     # The first pixel of a hexagonal row is half a lenslet to the right: there all rows have light.
     along = (columns[0] + used.is_hexagonal / 2) * np.array(used.columns)
     at = used.origin + rows[0] * np.array(used.rows) + along
-    place = np.array(truth.steps()) @ (at - truth.origin) / truth.pitch[0]
+    down, right = (np.array(step) / np.hypot(*step) for step in (truth.rows, truth.columns))
+    place = np.array([down, right]) @ (at - truth.origin) / truth.pitch[0]
     size = size or (len(rows), int((len(columns) - 1) * used.pitch[1] / used.pitch[0]))
     y, x = (start + np.arange(length) for start, length in zip(place, size, strict=True))
     v, u = (np.arange(n) - (n - 1) / 2 for n in grid)
