@@ -25,7 +25,7 @@ from lfref.io import atomic
 Key = TypeVar("Key")
 
 FFT = "numpy_fft_4d"
-MEASURED = "functional", "refocus", "refocuser", "captures", "simulator", "nets", "metrics", "losses", "bench"
+MEASURED = "functional", "refocus", "refocuser", "simulator", "nets", "metrics", "losses", "bench"
 """Folders whose code decides about figures."""
 PACKAGES = ("lfref", "torch", "numpy", "lightning", "torchmetrics", "OpenImageIO", "numba")
 
