@@ -64,20 +64,20 @@ def bench(rows, reference="truth"):
 ROWS = [("a", 0.2, 30.0), ("b", 0.4, 28.0), ("c", 0.8, 45.0), ("d", 2.0, math.nan), ("exact", 3.0, 100.0)]
 
 
-def test_the_front_joins_the_best_methods_in_units_of_the_fft():
+def test_the_front_joins_the_best_methods_in_milliseconds():
     axes = plots.front(bench(ROWS)).axes[0]
     steps, *marks, landmark = axes.get_lines()
-    assert points(steps) == [(0.1, 30.0), (0.4, 45.0), (1.5, 70.0)]
-    assert [points(mark)[0] for mark in marks] == [(0.1, 30.0), (0.2, 28.0), (0.4, 45.0), (1.5, 70.0)]
+    assert points(steps) == [(200.0, 30.0), (800.0, 45.0), (3000.0, 70.0)]
+    assert [points(mark)[0] for mark in marks] == [(200.0, 30.0), (400.0, 28.0), (800.0, 45.0), (3000.0, 70.0)]
     assert [mark.get_markerfacecolor() == "white" for mark in marks] == [False, True, False, False]
-    assert list(landmark.get_xdata()) == [1, 1]
-    assert axes.collections[0].get_segments()[0][:, 0] == pytest.approx([0.09, 0.15])
+    assert list(landmark.get_xdata()) == [2000, 2000]
+    assert axes.collections[0].get_segments()[0][:, 0] == pytest.approx([180, 300])
 
 
 def test_without_truth_there_is_no_front_and_no_method_judges_itself():
     figure = plots.front(pd.concat([bench(ROWS), bench(ROWS, "exact")[1:].assign(**{"class": "capture"})]))
     _, axes = figure.axes
-    assert [points(mark) for mark in axes.get_lines()[:-1]] == [[(0.1, 30.0)], [(0.2, 28.0)], [(0.4, 45.0)]]
+    assert [points(mark) for mark in axes.get_lines()[:-1]] == [[(200.0, 30.0)], [(400.0, 28.0)], [(800.0, 45.0)]]
 
 
 def cause_rows():
