@@ -136,7 +136,7 @@ def refocused(program: Program, views: torch.Tensor, slopes: torch.Tensor, repea
 
 
 def table() -> Iterator[str]:
-    """Median PSNR over the scenes that are complete, and the time of 16 planes of the paper's size."""
+    """Mean PSNR over the scenes that are complete, and the time of 16 planes of the paper's size."""
     names = [name for name in judges.SCENES if all(file.is_file() for file, *_ in judges.shots(name))]
     views, planes, *_ = judges.judged(names[0])
     # The first scene, enlarged: times of some methods depend on what views show.

@@ -35,7 +35,7 @@ def refocus(config: DictConfig, folder: Path) -> None:
 
     def read(_: str, path: Path) -> LightField:
         field = steps.read_field(path, config, [refocuser])
-        steps.aperture_for(config, field)
+        steps.aperture_for(config, field)  # an f-number that does not fit is refused before any work is done
         steps.check_memory(field, configured_planes, [refocuser])
         return field
 
@@ -72,11 +72,8 @@ def _refocuser(config: DictConfig, device: torch.device) -> tuple[Refocuser, Pla
     refocuser = steps.combined(refocuser, config.combine)
     is_full = config.aperture == {**config.aperture, "_target_": "lfref.refocus.apertures.full", "f_number": None}
     if refocuser.through(apertures.full) is refocuser and not is_full:
-        expected, remedy = (
-            f"{refocuser.name} weighs the views by itself",
-            "leave aperture out, or choose another method",
-        )
-        raise InputError(expected, got="an aperture", remedy=remedy)
+        expected = f"{refocuser.name} weighs the views by itself"
+        raise InputError(expected, got="an aperture", remedy="leave aperture out, or choose another method")
     planes = steps.planes_for(config, [refocuser])
     if isinstance(planes, FocalPlanes):
         refocuser.slopes(planes.slopes)  # a network refuses planes that are not its own, before any work is done

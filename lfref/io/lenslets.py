@@ -12,6 +12,7 @@ Letters: `V U` view rows and columns, `C` channels, `H W` pixel rows and columns
 """
 
 import logging
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,19 +79,12 @@ def decode_lenslets(path: Path, options: ReadOptions) -> Samples:
 def find_lenslets(grey: NDArray, likely: int, is_jpeg: bool = False) -> Lattice | int | None:
     """The lattice that an image [H, W] shows, or the pitch of aligned lenslets, the likely one first; None if none."""
     steps = [along for axis in (0, 1) if (along := steps_along(grey, axis)) is not None]
-    if not steps:
-        return likely
-    pitches = {likely, *range(SHORTEST_PITCH, LONGEST_PITCH + 1)}
-    # Multiples and parts of the pitch have less: other pixels count as borders, or borders as others.
-    score, best = max((borders(along, n), n) for along in steps for n in pitches)
-    if best == likely and score >= BORDER:
+    pitches = [n for n in (likely, *range(SHORTEST_PITCH, LONGEST_PITCH + 1)) if not (is_jpeg and _is_of_blocks(n))]
+    if likely in pitches and (not steps or any(borders(along, likely) >= BORDER for along in steps)):
         return likely
     lattice = _shown_lattice(grey)
     if lattice is None:
-        enough = [n for n in pitches if n * FEWEST_LENSLETS <= min(grey.shape)]
-        score, best = max(((min(borders(along, n) for along in steps), n) for n in enough), default=(0.0, 1))
-        is_of_blocks = is_jpeg and (best % BLOCK == 0 or BLOCK % best == 0)
-        return best if score >= BORDER and not is_of_blocks else None
+        return aligned_pitch(steps, pitches) if steps else None
     # Lenslets of whole pixels that stay within a pixel of the image's own rows and columns are aligned.
     whole = np.rint(lattice.pitch)
     drift = np.abs([lattice.rows, lattice.columns] - np.diag(whole)) * (np.array(grey.shape) / whole)[:, None]
@@ -116,7 +110,7 @@ def _check_aligned(grey: NDArray, path: Path, lenslet: int, shown: float | None,
         return
     if shown != lenslet and (grid := sheets.likely_grid(grey)) is not None:
         got, proposals = "views side by side", [{"grid": grid}]
-    elif shown not in (None, lenslet):
+    elif shown not in (None, lenslet) and size >= FEWEST_LENSLETS * shown:
         got, proposals = f"lenslets of {shown}", [{"lenslet": shown}]
     elif size < FEWEST_LENSLETS * lenslet:
         message = "%s is read as %d lenslets of %d pixels along its shorter side; a photograph is no light field"
@@ -194,9 +188,34 @@ def steps_along(image: NDArray, axis: int) -> NDArray | None:
 
 
 def borders(steps: NDArray, pitch: int) -> float:
-    """Mean of the steps across the borders of aligned lenslets, over that of others."""
-    is_border = np.arange(1, len(steps) + 1) % pitch == 0
-    return float(steps[is_border].mean() / max(steps[~is_border].mean(), 1e-9)) if is_border.any() else 1.0
+    """Mean of the steps across the borders of aligned lenslets, over that of others; 1 if the pitch is another."""
+    at = np.arange(1, len(steps) + 1)
+    is_border = at % pitch == 0
+
+    def ratio(one: NDArray, other: NDArray) -> float:
+        return float(steps[one].mean() / max(steps[other].mean(), 1e-9)) if one.any() and other.any() else 1.0
+
+    # Borders of half the pitch, or every second one of this pitch, are no borders of this pitch.
+    finer = any(
+        ratio(~is_border & (at % part == 0), ~is_border & (at % part > 0)) >= BORDER
+        for part in range(SHORTEST_PITCH, pitch)
+        if pitch % part == 0
+    )
+    coarser = any(ratio(at % (n * pitch) == 0, is_border & (at % (n * pitch) > 0)) >= BORDER for n in (2, 3))
+    return 1.0 if finer or coarser else ratio(is_border, ~is_border)
+
+
+def _is_of_blocks(pitch: int) -> bool:
+    """Whether the borders of JPEG's blocks have such a period."""
+    return pitch % BLOCK == 0 or BLOCK % pitch == 0
+
+
+def aligned_pitch(along: list[NDArray], pitches: Iterable[int]) -> int | None:
+    """The one of some pitches of aligned lenslets that the steps along both axes show; None if they show none."""
+    longest = min(len(steps) // 2 for steps in along)
+    scores = {n: min(borders(steps, n) for steps in along) for n in pitches if n <= longest}
+    best = max(scores, key=lambda n: scores[n], default=None)
+    return best if best is not None and scores[best] >= BORDER else None
 
 
 def unpack(image: NDArray, lenslet: int = LENSLET) -> NDArray:

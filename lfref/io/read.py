@@ -219,7 +219,9 @@ def read(
     try:
         samples = form.decode(path, options)
     except LfrefError as error:
-        raise _with_working_proposal(error, form, path, options) from error
+        if remedied := _with_working_proposal(error, form, path, options):
+            raise remedied from error
+        raise
     height, width = samples.colours.shape[-2:]
     rows, columns = options.size or (height, width)
     if not (1 <= rows <= height and 1 <= columns <= width):
@@ -259,14 +261,14 @@ def read(
     )
 
 
-def _with_working_proposal(error: LfrefError, form: Format, path: Path, options: ReadOptions) -> LfrefError:
-    """The error, whose remedy is the first of its proposed options with which the file is read, if there is one."""
+def _with_working_proposal(error: LfrefError, form: Format, path: Path, options: ReadOptions) -> LfrefError | None:
+    """The error with the first of its proposals by which the file is read as the remedy; None: none works."""
     for proposal in error.proposals:
         with suppress(LfrefError):
             form.decode(path, replace(options, **proposal))
             words = [f"reader.{name}={written(value, options.transpose)}" for name, value in proposal.items()]
             return type(error)(error.expected, got=error.got, remedy=f"set {' '.join(words)}")
-    return error
+    return None
 
 
 def written(value: Any, is_transposed: bool = False) -> str:

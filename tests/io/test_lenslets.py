@@ -1,5 +1,7 @@
 """From lenslet images, aligned (ESLF) or not, to views."""
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -211,7 +213,8 @@ def test_bright_squares_in_the_dark_are_read_by_the_given_pitch_and_no_other_is_
     images.write_image(tmp_path / "a.png", squares_in_the_dark(slopes)[..., None], bits=16)
     with pytest.raises(FileError) as error:
         read.read(tmp_path / "a.png")
-    assert "reader.lenslet=21" in str(error.value) or "reader.pitch" not in str(error.value)
+    # 14 is the size that reads it all the same.
+    assert set(re.findall(r"reader\.(\w+=[\d.]+)", str(error.value))) <= {"lenslet=21", "lenslet=14"}
     found = slope_range(disparity_of_reduced(reduce_views(read.read(tmp_path / "a.png", lenslet=21).views)))
     assert found == pytest.approx((min(slopes), max(slopes)), abs=0.8)
 

@@ -8,20 +8,15 @@ from lfref.refocus.shift.shift_and_median import shift_and_median, weighted_medi
 from lfref.refocus.shift.shift_and_sum import shift_and_sum
 
 
-@pytest.mark.parametrize("slope", [-1, 0, 2])
-@pytest.mark.parametrize("grid", [(3, 3), (2, 4)])
+@pytest.mark.parametrize(("grid", "slope"), [((3, 3), -1), ((3, 3), 0), ((3, 3), 2), ((2, 4), -2), ((2, 4), 2)])
 def test_it_is_the_median_of_the_views_that_have_a_sample_there(grid, slope):
     views = torch.rand(2, *grid, 3, 12, 15, dtype=torch.float64)
     found = shift_and_median(views, [float(slope)], "nearest")[:, 0]
     offsets = [np.arange(n) - (n - 1) / 2 for n in grid]
     for y, x in np.ndindex(12, 15):
-        places = [
-            (v, u, round(y + slope * offsets[0][v] + 1e-9), round(x + slope * offsets[1][u] + 1e-9))
-            for v, u in np.ndindex(grid)
-        ]
+        places = [(v, u, int(y + slope * offsets[0][v]), int(x + slope * offsets[1][u])) for v, u in np.ndindex(grid)]
         there = [views[:, v, u, :, i, j].numpy() for v, u, i, j in places if 0 <= i < 12 and 0 <= j < 15]
-        if all(offset % 1 == 0 for line in offsets for offset in line * slope):
-            np.testing.assert_allclose(found[:, :, y, x], np.median(there, axis=0))
+        np.testing.assert_allclose(found[:, :, y, x], np.median(there, axis=0))
 
 
 def test_weights_count_like_repeated_samples():
