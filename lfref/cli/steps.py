@@ -123,11 +123,8 @@ def aperture_for(config: DictConfig, field: LightField | None) -> Aperture:
     if f_number is None:
         return configs.build(options)
     if field is None or "f-number" not in field.metadata:
-        expected, remedy = (
-            "aperture.f_number needs a file that states the f-number of the lens",
-            "set aperture.diameter",
-        )
-        raise InputError(expected, got="none", remedy=f"{remedy}, in view steps")
+        expected = "aperture.f_number needs a file that states the f-number of the lens"
+        raise InputError(expected, got="none", remedy="set aperture.diameter, in view steps")
     # Of a lens that is as wide as one view.
     lens_views = field.metadata.get("lens views", "{}x{}".format(*field.grid)).split("x")
     of_view = min(map(float, lens_views)) * float(field.metadata["f-number"])
