@@ -19,8 +19,10 @@ import scale
 from pages import FIGURES, number, row
 
 import lfref
-from lfref.bench.evaluation import ALIASED, CORRECTED, IDEAL, MEAN_CAP_DB, SENSOR, WIDE
+from lfref.bench import accuracy
+from lfref.bench.evaluation import ALIASED, CORRECTED, IDEAL, SENSOR, WIDE
 from lfref.bench.stability.trials import OURS
+from lfref.functional.psnr import MEAN_CAP_DB
 from lfref.report import tables
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
@@ -125,7 +127,7 @@ def wide() -> Iterator[str]:
     ]
     rows = read("bench", "evaluation")
     rows = rows[rows["class"] == WIDE]
-    counted = rows.assign(psnr_db=rows["psnr_db"].clip(upper=MEAN_CAP_DB))
+    counted = accuracy.capped(rows, "psnr_db")
     scenes = counted.pivot_table(index="scene", columns="method", values="psnr_db", sort=False)
     planes = rows.pivot_table(index=["scene", "slope"], columns="method", values="psnr_db", sort=False)[methods]
     below = planes[others].sub(planes[cells], axis=0)

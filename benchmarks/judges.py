@@ -30,7 +30,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 import lfref
-from lfref.bench.evaluation import MEAN_CAP_DB
+from lfref.functional.psnr import MEAN_CAP_DB
 from lfref.io import atomic, images
 from lfref.refocus.joint_wiener import prior_of_map, refocus_jointly
 from lfref.refocus.mean_of_views import mean_of_views

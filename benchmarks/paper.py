@@ -109,11 +109,12 @@ def sharpness(stack: Tensor) -> Tensor:
 
 def scores(rows: pd.DataFrame) -> pd.DataFrame:
     """Means of `plane_rows` by `KEYS`, also without slope 0; scenes of some quality; the share that is explained."""
+    counted = accuracy.capped(rows, "psnr_db")
     means, nonzero, widest = (
         part.groupby(KEYS, sort=False)[["psnr_db", "ssim", "colour_error", "delta_e"]].mean()
-        for part in (rows, rows[rows["slope"] != 0], rows[rows["alpha"] == ALPHAS[0]])
+        for part in (counted, counted[counted["slope"] != 0], counted[counted["alpha"] == ALPHAS[0]])
     )
-    scenes = rows.groupby([*KEYS, "light_field"])[["psnr_db", "ssim"]].mean()
+    scenes = counted.groupby([*KEYS, "light_field"])[["psnr_db", "ssim"]].mean()
     counts = (scenes >= [LEAST_DB, LEAST_SSIM]).groupby(KEYS).sum().set_axis(["n_db", "n_ssim"], axis=1)
     means = means.join(nonzero.add_prefix("nonzero_")).assign(widest_db=widest["psnr_db"])
     return means.join(counts).join(accuracy.explained(rows, KEYS))
@@ -162,7 +163,7 @@ def claims(rows: pd.DataFrame, scores: pd.DataFrame, times: Mapping[str, str]) -
 
 def planes(rows: pd.DataFrame) -> Iterator[str]:
     """PSNR and sharpness of networks by their own labels, plane by plane."""
-    means = rows.groupby(["alpha", *KEYS])[["psnr_db", "sharpness"]].mean()
+    means = accuracy.capped(rows, "psnr_db").groupby(["alpha", *KEYS])[["psnr_db", "sharpness"]].mean()
     pairs = [(RIVAL, "shift_and_sum"), *OWN.items()]
     columns = {"psnr_db": ("dB", ".1f"), "sharpness": ("sharpness", ".2f")}
     headings = [f"{method}, {unit}" for unit, _ in columns.values() for method, _ in pairs]
@@ -267,7 +268,7 @@ COLOURS = {
 
 def scatter(rows: pd.DataFrame) -> Figure:
     """The paper's figure, a point a scene: networks by their own labels, and all methods by the truth."""
-    points = rows.groupby([*KEYS, "light_field"])[["psnr_db", "ssim"]].mean()
+    points = accuracy.capped(rows, "psnr_db").groupby([*KEYS, "light_field"])[["psnr_db", "ssim"]].mean()
     own = [(NETWORKS[label], label) for label in LABELS]
     panels = {
         "as the paper: by their own labels": [(RIVAL, "shift_and_sum"), *own],

@@ -1,6 +1,6 @@
 """Put the RefNet of a training run into the package, with how it was made: `python benchmarks/weights.py RUN`.
 
-Run by `make weights`. Fills the accuracy in the pages.
+Run by `make weights`. Fills the accuracy in the pages. Without RUN the network that ships is measured again.
 """
 
 import argparse
@@ -77,24 +77,29 @@ def table(network: networks.NetworkRefocuser, facts: Mapping[str, Any], capture:
 def main() -> None:
     """Write `lfref/weights/refnet.safetensors`."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("run", type=Path)
+    parser.add_argument("run", type=Path, nargs="?")
     parser.add_argument("--capture", type=Path, help="a real light field, to measure refnet and draw its planes with")
     options = parser.parse_args()
-    run = Run.of(options.run)
-    contents = checkpoint.read(run.last)
+    path = networks.SHIPPED["refnet"]
+    if options.run is None:
+        contents = checkpoint.read(path)
+        command = contents["notes"]["command"]
+    else:
+        run = Run.of(options.run)
+        contents = checkpoint.read(run.last)
+        command = " ".join(["lfref train", *(word for word in run.overrides if not word.startswith(PLACES))])
     state = contents["state_dict"].items()
     contents["state_dict"] = {name: value.half() if value.numel() > LARGE else value for name, value in state}
-    network = networks.restored_network(run.last, contents, "refnet")
+    network = networks.restored_network(path, contents, "refnet")
     ideal = (ideal_case(scene, torch.zeros(1), CPU).light for scene in sim30.SCENES.values())
     fields = (dataclasses.replace(light, views=light.views.clamp(0, 1)) for light in ideal)
-    command = " ".join(["lfref train", *(word for word in run.overrides if not word.startswith(PLACES))])
     facts = {
         "lfref": lfref.__version__,
         "command": command,
         "sim30": by_labels(network, fields),
         "card": REFNET_CARD,
     }
-    checkpoint.write_weights(networks.SHIPPED["refnet"], contents, facts)
+    checkpoint.write_weights(path, contents, facts)
     pages.fill({"refnet": table(network, facts, options.capture)})
 
 

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from lfref.errors import InputError
-from lfref.functional.psnr import image_pair, psnr
+from lfref.functional.psnr import MEAN_CAP_DB, image_pair, psnr
 from lfref.functional.ssim import ssim
 from lfref.geometry import FocalPlanes
 from lfref.metrics.stack import GROUPS, in_group
@@ -66,11 +66,17 @@ SUMMARY_KEYS = ["light_field", "method", "reference"]
 
 def summaries(planes: pd.DataFrame) -> pd.DataFrame:
     """Means of `plane_rows` over planes (the paper's Eq. 4-5), also without slope 0, beside the share `explained`."""
-    groups, nonzero = (rows.groupby(SUMMARY_KEYS, sort=False) for rows in (planes, planes[planes["slope"] != 0]))
+    counted = capped(planes, "psnr_db")
+    groups, nonzero = (rows.groupby(SUMMARY_KEYS, sort=False) for rows in (counted, counted[counted["slope"] != 0]))
     means = groups.agg(mpsnr_db=("psnr_db", "mean"), mssim=("ssim", "mean"))
     means = means.join(nonzero.agg(nonzero_mpsnr_db=("psnr_db", "mean"), nonzero_mssim=("ssim", "mean")))
     means = means.join(explained(planes, SUMMARY_KEYS))
     return means.assign(colour_error=groups["colour_error"].mean()).reset_index()
+
+
+def capped(rows: pd.DataFrame, *columns: str) -> pd.DataFrame:
+    """The rows with PSNR in these columns as it counts in means."""
+    return rows.assign(**rows[[*columns]].clip(upper=MEAN_CAP_DB))
 
 
 def explained(planes: pd.DataFrame, keys: list[str]) -> pd.DataFrame:

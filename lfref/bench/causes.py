@@ -174,7 +174,6 @@ def scaled(scene: Scene, factor: float, grid: tuple[int, int]) -> Scene:
 
 def summary(rows: pd.DataFrame, *keys: str) -> pd.DataFrame:
     """Means of `rows`, PSNR capped, over scenes, and over planes unless `keys` name their columns."""
-    in_db = ["psnr_db", "alone_db"]
-    counted = rows.assign(**rows[in_db].clip(upper=evaluation.MEAN_CAP_DB))
+    counted = accuracy.capped(rows, "psnr_db", "alone_db")
     groups = counted.groupby(["cause", "method", "is_base", *keys], sort=False, dropna=False)
     return groups[MEASURES].mean().assign(scenes=groups["scene"].nunique()).reset_index()

@@ -182,9 +182,6 @@ SERIES = ["class", "method", "reference"]
 """Columns that tell one line of a plot from another."""
 COLUMNS = [*MEASURES, *(WHOLE + name for name in MEASURES), "exact_psnr_db"]
 """Measures of a row; the last one is PSNR against exact Fourier refocusing of the same views."""
-MEAN_CAP_DB = 70.0
-"""A PSNR counts in a mean by at most this much: errors below 1/3000 of white are seen by nobody, and a few planes that
-are next to perfect would outweigh many that are not. Medians and worst cases are not capped."""
 
 
 @torch.no_grad()
@@ -251,6 +248,6 @@ def _means_and_worst(table: pd.DataFrame, keys: list[str], name: str, source: st
     worst = table.loc[groups["psnr_db"].idxmin()]
     columns = {"worst_psnr_db": worst["psnr_db"].to_numpy(), name: worst[source].to_numpy()}
     in_db = [column for column in COLUMNS if column.endswith("psnr_db")]
-    counted = table.assign(**table[in_db].clip(upper=MEAN_CAP_DB)).groupby(keys, sort=False, dropna=False)
+    counted = accuracy.capped(table, *in_db).groupby(keys, sort=False, dropna=False)
     median = groups["psnr_db"].median()
     return counted[COLUMNS].mean().assign(**columns, median_psnr_db=median).reset_index()

@@ -13,6 +13,9 @@ from lfref.errors import InputError
 
 CEILING_DB = 100.0
 """Largest PSNR that is returned, in dB; identical images have an infinite PSNR."""
+MEAN_CAP_DB = 70.0
+"""A PSNR counts in a mean by at most this much: errors below 1/3000 of white are seen by nobody, and a few planes that
+are next to perfect would outweigh many that are not. Medians and worst cases are not capped."""
 _FLOOR, _JOIN = 10 ** (-CEILING_DB / 10), math.exp(-2)
 _K = math.log(10) / 10
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import pandas as pd
 
-from lfref.bench.evaluation import DENSE, MEAN_CAP_DB, TRUTH
+from lfref.bench import accuracy
+from lfref.bench.evaluation import DENSE, TRUTH
 from lfref.errors import FileError
 from lfref.io import atomic
 
@@ -105,7 +106,7 @@ def pareto_front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
 
 def capped(table: pd.DataFrame, column: str) -> pd.DataFrame:
     """The table with PSNR in that column cut as in means; other columns stay as they are."""
-    return table.assign(**{column: table[column].clip(upper=MEAN_CAP_DB)}) if column.endswith("psnr_db") else table
+    return accuracy.capped(table, column) if column.endswith("psnr_db") else table
 
 
 def judged_by_others(rows: pd.DataFrame) -> pd.DataFrame:

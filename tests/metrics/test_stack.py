@@ -53,6 +53,11 @@ def test_per_plane_and_compute_gather_every_process_and_leave_the_state_alone() 
     assert metric.count == 1
 
 
+def test_a_perfect_plane_counts_as_70_db() -> None:
+    same = stacks(2, 2, 3, 8, 8)
+    assert MPSNR(n_planes=2)(same, same) == 70
+
+
 @pytest.mark.parametrize("shape", [(15, 3, 8, 8), (3, 8, 8)])
 def test_another_number_of_planes_is_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(InputError):
