@@ -27,7 +27,7 @@ help:
 	@echo "make test                       linters, types, import layers, and the tests that take seconds"
 	@echo "make test-slow                  the site, and the tests that take longer"
 	@echo "make site                       the pages and the reference as a site, in runs/site"
-	@echo "make figures                    measure the figures of README and docs again"
+	@echo "make figures                    measure the figures of README and docs, in an hour; goes on where it was stopped"
 	@echo "make paper                      the paper's experiments with the networks of 'make weights', against the truth"
 	@echo "make ablations                  which of the paper's choices matter; goes on where it was stopped"
 	@echo "make gpu [MINUTES=10]           what needs a GPU: tests, benches, the paper's network; goes on where it was stopped"
@@ -56,20 +56,11 @@ demo: install
 	$(BIN)/lfref view "$(FIELD)" output="$(DEMO)/view"
 
 figures: $(VENV)/checks
-	$(BIN)/lfref bench checkpoint=lfref/weights/refnet.safetensors overwrite=true output=runs/figures/bench repeats=5
-	$(BIN)/lfref bench wide=false correct=flat_field 'test_scenes=[bokeh,vignetting,colours,misaligned,crosstalk,grainy,graded,everything]' overwrite=true output=runs/figures/flat_field repeats=1
-	$(BIN)/lfref bench suite=causes overwrite=true output=runs/figures/causes
-	$(BIN)/lfref bench suite=stability overwrite=true output=runs/figures/stability
-	$(BIN)/python benchmarks/scale.py streams
-	$(BIN)/python benchmarks/scale.py steps
-	$(BIN)/python benchmarks/page.py --film
-	$(BIN)/python benchmarks/paper.py --speed
-	$(BIN)/python benchmarks/figures.py
+	$(BIN)/python benchmarks/figures.py --measure
 	$(BIN)/python benchmarks/pictures.py
 
 paper: install
 	$(BIN)/python benchmarks/paper.py
-	$(BIN)/python benchmarks/paper.py --speed
 
 ablations: install
 	$(BIN)/python benchmarks/ablations.py

@@ -5,10 +5,8 @@ experiment goes on where it was stopped, on any machine. A row counts while its 
 sim30 are the same.
 """
 
-import argparse
 import functools
 import hashlib
-import itertools
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -28,7 +26,6 @@ from lfref.io.run import Run
 from lfref.refocuser.load import load
 from lfref.refocuser.refocuser import Refocuser
 from lfref.report import tables
-from lfref.report.sections import t_interval
 from lfref.simulator import sim30
 
 RUNS, RESULTS = pages.ROOT / "runs" / "ablations", pages.ROOT / "docs" / "ablations.csv"
@@ -65,7 +62,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "random start, equal rates": (RANDOM, "end_rate=1"),
 }
 """What each row changes of the base."""
-KEY = ["variant", "seed", "setup"]
+KEY = ["variant", "setup"]
 MEASURES = {
     "label_psnr_db": ("by its labels, dB", ".1f"),
     "label_nonzero_psnr_db": ("without alpha 1, dB", ".1f"),
@@ -84,7 +81,6 @@ class Member(NamedTuple):
     """One training, and its key among the results."""
 
     variant: str
-    seed: int
     setup: str
     """Hash of all that determines the result: network, loss, steps, data, and the scenes of the evaluation."""
     overrides: tuple[str, ...]
@@ -93,23 +89,23 @@ class Member(NamedTuple):
     def folder(self) -> Path:
         """Its run folder."""
         name = "".join(letter if letter.isalnum() else "_" for letter in self.variant)
-        return RUNS / f"{name}_{self.seed}_{self.setup}"
+        return RUNS / f"{name}_{self.setup}"
 
 
-def members(n_seeds: int) -> Iterator[Member]:
-    """All trainings, seed by seed, so that one seed of every variant comes before the second of any."""
-    for seed, (variant, changes) in itertools.product(range(n_seeds), VARIANTS.items()):
-        words = (*SETUP, *changes, f"seed={seed}")
+def members() -> Iterator[Member]:
+    """All trainings, of seed 0."""
+    for variant, changes in VARIANTS.items():
+        words = (*SETUP, *changes, "seed=0")
         config = pages.composed("train", *words)
         parts = [sim30.VERSION, config.trainer.max_steps, config.trainer.precision]
         parts += [configs.plain(config[part]) for part in DECISIVE]
         digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-        yield Member(variant, seed, f"setup_{digest[:12]}", words)
+        yield Member(variant, f"setup_{digest[:12]}", words)
 
 
 def results() -> pd.DataFrame:
     """The results so far, by any setup."""
-    return tables.read_table(RESULTS).astype({"seed": int}) if RESULTS.exists() else pd.DataFrame(columns=KEY)
+    return tables.read_table(RESULTS) if RESULTS.exists() else pd.DataFrame(columns=KEY)
 
 
 def train(wanted: Iterable[Member], cases: Sequence[EvaluationCase]) -> None:
@@ -117,7 +113,7 @@ def train(wanted: Iterable[Member], cases: Sequence[EvaluationCase]) -> None:
     done = set(results()[KEY].itertuples(index=False, name=None))
     for member in track([member for member in wanted if member[: len(KEY)] not in done], description="training"):
         rows = results()
-        others = rows[(rows["variant"] != member.variant) | (rows["seed"] != member.seed)]
+        others = rows[rows["variant"] != member.variant]
         tables.write_table(RESULTS, [*others.to_dict("records"), trained(member, cases)])
 
 
@@ -154,47 +150,28 @@ def times() -> dict[str, str]:
 
 
 def table(rows: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
-    """All variants and methods; differences from the base are taken seed by seed."""
+    """All variants and methods."""
     headings = [heading for heading, _ in MEASURES.values()]
     yield from pages.head("variant", *headings, "by its labels, difference from the base, dB", "parameters", paper.TIME)
-    by_variant = {variant: own.set_index("seed") for variant, own in rows.groupby("variant")}
-    base = by_variant[BASE]["label_psnr_db"]
-    for variant in (name for name in (*METHODS, *VARIANTS) if name in by_variant):
-        own = by_variant[variant]
-        cells = [mean(own[name], form) for name, (_, form) in MEASURES.items()]
-        less = "" if variant in (BASE, *METHODS) else difference((own["label_psnr_db"] - base).dropna())
-        size = pages.number(own["n_parameters"].iloc[0], ",.0f")
+    by_variant = rows.set_index("variant")
+    base = by_variant.loc[BASE, "label_psnr_db"]
+    for variant in (name for name in (*METHODS, *VARIANTS) if name in by_variant.index):
+        own = by_variant.loc[variant]
+        cells = [pages.number(own[name], form) or tables.DASH for name, (_, form) in MEASURES.items()]
+        less = "" if variant in (BASE, *METHODS) else f"{own['label_psnr_db'] - base:+.1f}"
+        size = pages.number(own["n_parameters"], ",.0f")
         yield pages.row(variant, *cells, less, size, times[variant])
     yield ""
-    yield f"Whole frames of the 30 scenes of sim30 ({sim30.VERSION}) without sensors, the paper's planes; mean and"
-    yield f"standard deviation over seeds ({rows['seed'].nunique()} in all). Difference from the base: mean, seed by"
-    yield "seed, with its 95 % paired t interval from two seeds on, bold where it excludes 0; each row is tested by"
-    yield "itself. Near: alpha from .75, without 1; wide: up to .25. Time of a light field of"
+    yield f"Whole frames of the 30 scenes of sim30 ({sim30.VERSION}) without sensors, the paper's planes, one training"
+    yield "each. Near: alpha from .75, without 1; wide: up to .25. Time of a light field of"
     yield f"7x7x3x{pages.SIZE[0]}x{pages.SIZE[1]}, in brackets in NumPy's 4-D FFTs of the same views."
-
-
-def mean(values: pd.Series, form: str) -> str:
-    """Mean, and standard deviation if there are several values."""
-    text = pages.number(values.mean(), form) or tables.DASH
-    return f"{text} ± {pages.number(values.std(), form)}" if len(values) > 1 else text
-
-
-def difference(values: pd.Series) -> str:
-    """Mean difference with its interval, bold if that excludes 0."""
-    if len(values) < 2:
-        return f"{values.mean():+.1f}"
-    low, high = t_interval(values.tolist())
-    text = f"{values.mean():+.1f} ({low:+.1f} to {high:+.1f})"
-    return f"**{text}**" if low > 0 or high < 0 else text
 
 
 def main() -> None:
     """Train, evaluate, time; then fill the page."""
-    parser = argparse.ArgumentParser(description="Which choices matter in a small RefNet that works.")
-    parser.add_argument("--seeds", type=int, default=3, help="how many; more can be added later")
-    wanted, cases = list(members(parser.parse_args().seeds)), list(paper.cases())
+    wanted, cases = list(members()), list(paper.cases())
     train(wanted, cases)
-    methods = [{"variant": name, "seed": 0} | measured(CLASSICAL[name], cases) for name in METHODS]
+    methods = [{"variant": name} | measured(CLASSICAL[name], cases) for name in METHODS]
     rows, keys = results(), {member[: len(KEY)] for member in wanted}
     rows = rows[[key in keys for key in rows[KEY].itertuples(index=False, name=None)]]
     pages.fill({"ablations": table(pd.concat([pd.DataFrame(methods), rows]), times())})

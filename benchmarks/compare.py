@@ -1,8 +1,7 @@
 """Other programs on the same work: 16 planes of our path-traced scenes by the truth, and the time of the paper's size.
 
-Each program is installed into an environment of its own below `runs/compare`, by pip, as it installs today; a worker
-runs there, reads views and slopes, and writes its stack and its times. lfref takes part in the same way. The views are
-linear light; shares of a pixel that a program cannot shift are rounded as it does.
+Each program is installed into an environment of its own below `runs/compare`; a worker runs there, reads views and
+slopes, and writes its stack and its times. lfref takes part in the same way.
 """
 
 import json
@@ -35,6 +34,8 @@ for _ in range(int(sys.argv[2])):
     start = time.perf_counter()
     stack = {call}
     times.append(time.perf_counter() - start)
+    if sum(times) > 60:
+        break
 np.save(folder + "/stack.npy", np.asarray(stack, np.float32))
 json.dump({{"times": times}}, open(folder + "/times.json", "w"))
 """
@@ -67,6 +68,19 @@ def refocus():
         planes[slope] = one._refo_stack[0] / len(views)
     return [planes[slope] for slope in whole]
 """
+PLENOPTOMOS = """
+np.int = int  # NumPy once had this name
+from plenoptomos import lightfield
+from plenoptomos.refocus import compute_refocus_integration
+camera = lightfield.Camera()
+camera.data_size_vu, camera.data_size_ts = np.array(views.shape[:2]), np.array(views.shape[2:4])
+camera.pixel_size_vu, camera.pixel_size_ts, camera.z1, camera.f1 = np.ones(2), np.full(2, 0.1), 1.0, 0.5
+def refocus():
+    fields = [lightfield.Lightfield(camera.clone(), views[..., c], mode="sub-aperture") for c in range(3)]
+    # It shifts by 1 - 1 / distance in units of 10 pixels.
+    options = dict(domain="image", border=int(np.ceil(len(views) / 2 * np.abs(slopes).max())))
+    return np.stack([compute_refocus_integration(one, 1 / (1 - slopes / 10), **options) for one in fields], -1)
+"""
 LFREF = """
 import torch, lfref
 field = torch.from_numpy(views).permute(0, 1, 4, 2, 3).contiguous()
@@ -78,14 +92,12 @@ refocus("{method}")  # compiles loops
 
 
 class Program(NamedTuple):
-    """A method of a program."""
+    """A method of a program: what pip installs with its dependencies (nothing: this environment), and without them."""
 
     packages: tuple[str, ...]
-    """What pip installs; none: this environment."""
     setup: str
     call: str
     extra: tuple[str, ...] = ()
-    """What pip installs without dependencies."""
 
 
 OLD = ("numpy<2", "scipy<1.14")
@@ -97,6 +109,12 @@ PROGRAMS = {
         PLENOPTICAM,
         "refocus()",
         ("plenopticam==0.9.3", "color-space-converter", "color-matcher"),
+    ),
+    "plenoptomos 0.2.0, integration": Program(
+        ("matplotlib", "h5py", "pillow", "imageio", "tqdm", *OLD),
+        PLENOPTOMOS,
+        "refocus()",
+        ("git+https://github.com/cicwi/plenoptomos",),
     ),
     **{
         f"lfref, {method}": Program((), LFREF.replace("{method}", method), f'refocus("{method}")')
@@ -137,7 +155,7 @@ def refocused(program: Program, views: torch.Tensor, slopes: torch.Tensor, repea
 
 def table() -> Iterator[str]:
     """Mean PSNR over the scenes that are complete, and the time of 16 planes of the paper's size."""
-    names = [name for name in judges.SCENES if all(file.is_file() for file, *_ in judges.shots(name))]
+    names = judges.complete()
     views, planes, *_ = judges.judged(names[0])
     # The first scene, enlarged: times of some methods depend on what views show.
     large = F.interpolate(views.flatten(0, 1), pages.SIZE, mode="bilinear").unflatten(0, views.shape[:2])

@@ -1,34 +1,38 @@
 """Measure the figures that the README and the pages quote, and write them between their markers (`pages.py`).
 
-Run by `make figures` after `lfref bench`, `page.py` and `scale.py`, whose tables it reads. A table of a run that is
-missing stays as it is.
+`make figures` runs `figures.py --measure`: what `runs/figures` does not hold of today's code is measured, so that a
+stopped run goes on. Without it, tables are written again of what was measured. Trainings and GPUs have commands of
+their own (`make paper`, `ablations`, `gpu`); their tables bear the hash of the code that was measured then.
 """
 
 import argparse
 import functools
 import json
 import math
-from collections.abc import Callable, Iterator
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import page
 import pages
 import pandas as pd
+import paper
 import scale
 from pages import FIGURES, number, row
 
 import lfref
-from lfref.bench import accuracy
+from lfref.bench import accuracy, timing
 from lfref.bench.evaluation import ALIASED, CORRECTED, IDEAL, SENSOR, WIDE
 from lfref.bench.stability.trials import OURS
 from lfref.functional.psnr import MEAN_CAP_DB
 from lfref.report import tables
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
-
-GPU = pages.ROOT / "runs" / "gpu" / "bench_front"
-"""A run of `make gpu`."""
 
 
 def facts(run: str | Path) -> Any:
@@ -66,17 +70,17 @@ def bench() -> Iterator[str]:
     yield f"PSNR against truth, what a lens would have photographed: 30 scenes of sim30 ({known['sim30']}) and their"
     yield f"aliased version ({known['aliased']}), the paper's 16 planes, {known['margin']} px of the border left out;"
     yield f"sensor, the {rows['scenes'].min():.0f} scenes that have one, as they are and corrected by `correct=auto`."
-    yield f"In means, a PSNR counts by at most {MEAN_CAP_DB:.0f} dB. Time: a light field of"
+    yield f"In means, each PSNR is capped at {MEAN_CAP_DB:.0f} dB. `_fill`: `fill_factor=1`. Time: a light field of"
     yield f"{known['views']}, NumPy's FFT {rows['median_s'].iloc[0]:.2f} s;"
     yield f"{pages.machine(known)}, {known['repeats']} rounds."
 
 
 METHODS = {
-    "mean_of_views": "nothing: no refocusing, the plainest rival",
+    "mean_of_views": "nothing; baseline without refocusing",
     "shift_and_sum": "the plain sum of views, which the paper's network learns",
     "shift_and_sum_antialiased": "the default: no copies of edges in wide blur",
-    "separable_wiener": "much better, in four times the time",
-    "blockwise_wiener": "the best; knows occlusion",
+    "separable_wiener": "much more accurate, in half the time of the best",
+    "blockwise_wiener": "the most accurate",
     "refnet": "the paper's network: imitates shift_and_sum",
 }
 """Method of the README's table -> what to take it for."""
@@ -91,19 +95,9 @@ def methods() -> Iterator[str]:
     for each in ideal.itertuples():
         yield row(each.Index, f"{each.psnr_db:.1f}", f"{1e3 * each.median_s:.0f}", METHODS[each.Index])
     yield ""
-    yield "PSNR: against what a lens would have photographed, mean of 16 planes of 30 simulated scenes. Time: 16 planes"
+    yield "PSNR: against what a lens would have photographed, mean of 16 planes of 30 simulated scenes without"
+    yield f"{known['margin']} px of the border. Time: 16 planes"
     yield f"of {known['views']}; {pages.machine(known)}."
-
-
-def gpu_times() -> Iterator[str]:
-    """Time of every operator setting on a GPU."""
-    known, rows = facts(GPU), read(GPU, "bench").drop_duplicates("method")
-    yield from pages.head("method", "median, ms", "p10 to p90, ms")
-    for each in rows[rows["reference"].notna()].itertuples():
-        yield row(each.method, f"{1e3 * each.median_s:.1f}", f"{1e3 * each.p10_s:.1f} to {1e3 * each.p90_s:.1f}")
-    yield ""
-    yield f"A light field of {known['views']}, {known['planes']} planes, float32, {known['repeats']} rounds;"
-    yield f"{known['device']}, {pages.machine(known)}."
 
 
 def corrections() -> Iterator[str]:
@@ -138,12 +132,12 @@ def wide() -> Iterator[str]:
         shown = (f"{values[method]:.1f}" for method in methods)
         yield row(name, views, f"{slopes.min():g} to {slopes.max():g}", *shown)
     yield row("mean", "", "", *(f"{scenes[method].mean():.1f}" for method in methods))
-    yield row("worst plane, against cells", "", "", "", *(f"{value:.1f}" for value in below.min()))
-    yield row(f"planes more than .3 dB below cells, of {len(below)}", "", "", "", *(below < -0.3).sum())
+    yield row("worst plane, against the first method", "", "", "", *(f"{value:.1f}" for value in below.min()))
+    yield row(f"planes more than .3 dB below it, of {len(below)}", "", "", "", *(below < -0.3).sum())
     yield ""
     yield "PSNR against truth, 8 planes from the farthest to the nearest surface,"
     yield f"{facts('bench')['margin']} px of the border left out."
-    yield f"In means, a PSNR counts by at most {MEAN_CAP_DB:.0f} dB."
+    yield f"In means, each PSNR is capped at {MEAN_CAP_DB:.0f} dB."
 
 
 def causes() -> Iterator[str]:
@@ -181,6 +175,36 @@ def trials() -> Iterator[str]:
         yield f"- {outcome} ({reason}): {'; '.join(components)}"
 
 
+# What commands print
+
+FIRST = (
+    "lfref view sample",
+    "lfref refocus sample all_in_focus=true",
+    "lfref refocus sample method=blockwise_wiener slopes=[-1,0,1]",
+    "lfref info sample",
+)
+TRAINING = (
+    "lfref train experiment=demo output=RUN",
+    "lfref refocus sample run=RUN",
+    "lfref eval sample run=RUN",
+    "lfref export run=RUN",
+)
+
+
+def printed(commands: Sequence[str]) -> Iterator[str]:
+    """Commands, and what each prints below its progress bars, run one after the other in an empty folder."""
+    yield "```"
+    with tempfile.TemporaryDirectory() as folder:
+        for command in commands:
+            words = [*pages.LFREF, *shlex.split(command)[1:]]
+            run = subprocess.run(words, cwd=folder, check=True, stdout=subprocess.PIPE, text=True)
+            yield f"$ {command}"
+            text = run.stdout.replace(f"{folder}/", "").replace(f"{pages.ROOT}/", "").rstrip()
+            text = re.split(r"^(?: .*|.*\N{BOX DRAWINGS HEAVY HORIZONTAL}.*)\n", text, flags=re.MULTILINE)[-1]
+            yield re.sub(r"\d{4}-\d\d-\d\d_[\d-]{8}", "DATE_TIME", text)
+    yield "```"
+
+
 # Tables that are measured here
 
 BORDER = 24
@@ -200,7 +224,7 @@ def disparities() -> Iterator[str]:
     columns = ["median, px", "within .03 px, %", "within .1 px, %", "within .1 px without a border of 24, %"]
     found = pd.DataFrame({name: shares(name) for name in sim30.SCENES}, columns).T
     plain = found.loc[[name for name in found.index if sim30.SCENES[name].sensor == Sensor()]]
-    means = {f"all thirty ({len(found)})": found.mean(), f"without a sensor ({len(plain)})": plain.mean()}
+    means = {f"all thirty ({len(found)})": found.mean(), f"scenes that have no sensor ({len(plain)})": plain.mean()}
     worst = {f"`{name}`": values for name, values in found.nsmallest(4, columns[2]).iterrows()}
     yield from pages.head("scenes", *columns)
     for title, (median, *within) in (means | worst).items():
@@ -213,35 +237,79 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "methods": (BENCH, methods),
     "corrected": (FIGURES / "flat_field" / "scenes.csv", corrections),
     "wide": (BENCH, wide),
-    "causes": (FIGURES / "causes", causes),
-    "trials": (FIGURES / "stability", trials),
-    "gpu_times": (GPU / "bench.csv", gpu_times),
+    "causes": (FIGURES / "causes" / "causes.csv", causes),
+    "trials": (FIGURES / "stability" / "stability.csv", trials),
     "streams": (scale.RUN / "streams.json", scale.streams),
     "training_speed": (scale.RUN / "steps_cpu.json", functools.partial(scale.steps_table, "cpu")),
     "training_speed_gpu": (scale.RUN / "steps_cuda.json", functools.partial(scale.steps_table, "cuda")),
     "browsing": (page.MEASURES, page.browsing),
+    "paper_speed": (paper.SPEED, paper.speed_table),
     "disparities": (None, disparities),
+    "first_output": (None, functools.partial(printed, FIRST)),
+    "training_output": (None, functools.partial(printed, TRAINING)),
 }
 """Marker -> the file that it reads, if any, and its lines."""
 
 
-def code_of(path: Path | None) -> str | None:
-    """Hash of the code of a run of `lfref bench`, by a table of it or its folder; None: measured otherwise."""
-    machine = None if path is None else (path if path.is_dir() else path.parent) / "machine.json"
-    return None if machine is None or not machine.exists() else json.loads(machine.read_text()).get("code", "")
+BENCHMARKS = Path(__file__).parent
+SENSORS = [name for name, scene in sim30.SCENES.items() if scene.sensor != Sensor()]
+RUNS: dict[str, tuple[object, ...]] = {
+    "bench/machine.json": ("checkpoint=lfref/weights/refnet.safetensors", "repeats=5"),
+    "flat_field/machine.json": ("wide=false", "correct=flat_field", f"test_scenes=[{','.join(SENSORS)}]", "repeats=1"),
+    "causes/machine.json": ("suite=causes",),
+    "stability/machine.json": ("suite=stability",),
+}
+"""File of a run of `lfref bench` -> its words."""
+SCRIPTS = {
+    "scale/streams.json": ("scale.py", "streams"),
+    "scale/steps_cpu.json": ("scale.py", "steps"),
+    "browsing.json": ("page.py", "--film"),
+    "speed.json": ("paper.py", "--speed"),
+}
+"""File of another measurement -> its script."""
+JUDGED = {"judges": ("judges.py", "score"), "compare": ("compare.py",)}
+"""Table of path-traced scenes -> the script that fills it, if scenes are rendered."""
+TRAINED = {"ablations", "refnet", "paper_claims", "paper_quality", "paper_planes", "training_speed_gpu"}
+"""Tables of trainings and of GPUs."""
+
+
+def measure() -> None:
+    """Run what was not yet measured with today's code."""
+    for file, words in RUNS.items():
+        if code_of(FIGURES / file) != timing.code_hash():
+            pages.lfref("bench", *words, "overwrite=true", f"output={(FIGURES / file).parent}")
+    scripts = [words for file, words in SCRIPTS.items() if code_of(FIGURES / file) != timing.code_hash()]
+    import judges  # Mitsuba is needed by nothing else here
+
+    if judges.complete():
+        old = pages.outdated()
+        scripts += [words for name, words in JUDGED.items() if any(each.endswith(f": {name}") for each in old)]
+    for script, *words in scripts:
+        subprocess.run([sys.executable, BENCHMARKS / script, *words], check=True)
+
+
+def code_of(path: Path) -> str | None:
+    """Hash of the code that made a file of `runs`, by its `code` or by the `machine.json` beside it."""
+    facts = path if path.suffix == ".json" else path.parent / "machine.json"
+    return json.loads(facts.read_text()).get("code", "") if facts.exists() else None
 
 
 def main() -> None:
     """Fill the markers of the README and of the pages."""
     parser = argparse.ArgumentParser(description="Fill the markers of the README and of the pages.")
     parser.add_argument("names", nargs="*", metavar="NAME", choices=[[], *TABLES], help="markers to fill; none: all")
+    parser.add_argument("--measure", action="store_true", help="first measure what was not yet measured, in an hour")
     parser.add_argument("--check", action="store_true", help="name the tables that were measured with other code")
     options = parser.parse_args()
     if options.check:
-        print("\n".join(pages.outdated()) or "all tables are of this code")
+        old = [table for table in pages.outdated() if table.partition(": ")[2] not in TRAINED]
+        print("\n".join(old) or "all tables are of this code, but for trainings and GPUs, which bear their own hash")
         return
+    if options.measure:
+        measure()
     names = options.names or [name for name, (path, _) in TABLES.items() if path is None or path.exists()]
-    codes = {name: code for name in names if (code := code_of(TABLES[name][0])) is not None}
+    files = {name: path for name in names if (path := TABLES[name][0]) is not None}
+    codes = {name: code for name, path in files.items() if (code := code_of(path)) is not None}
     pages.fill({name: TABLES[name][1]() for name in names}, codes)
 
 

@@ -1,9 +1,7 @@
 """Times of the methods on a GPU: eager, compiled and as a CUDA graph, with their peak of memory; in under four minutes.
 
-Run by `make gpu`; `PYTHONPATH=TREE` measures another tree of lfref, for a table before a change on the same card. A
-first stack analyzes the scene of its light field; `known` has it already, and its graph is captured. Batched Cholesky
-(288 matrices of 33 rows, 20,400 of 7) and semi-global matching (188x270 pixels, 32 slopes) decide how long the analysis
-takes. `--device cpu` tries the script without a GPU.
+Run by `make gpu`. A first stack analyzes the scene of its light field; `known` has it already, and its graph is
+captured. `--device cpu` tries the script without a GPU.
 """
 
 import argparse
@@ -17,11 +15,11 @@ import pages
 import torch
 
 import lfref
+from lfref.bench import timing
 from lfref.simulator import sim30
 
 Run = Callable[[], object]
 WARMUPS, ROUNDS = 2, 7
-SIZE = (375, 540)
 METHODS: dict[str, tuple[Callable, bool]] = {
     "shift_and_sum": (lfref.shift_and_sum, False),
     "shift_and_sum_antialiased": (lfref.shift_and_sum_antialiased, True),
@@ -34,21 +32,8 @@ METHODS: dict[str, tuple[Callable, bool]] = {
 
 
 def milliseconds(run: Run, device: torch.device) -> list[float]:
-    """Times of several runs after a warm-up, by the clock of the device."""
-    times = []
-    for _ in range(WARMUPS + ROUNDS):
-        if device.type == "cpu":
-            begin = time.perf_counter()
-            run()
-            times.append(1e3 * (time.perf_counter() - begin))
-            continue
-        start, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
-        start.record()
-        run()
-        end.record()
-        torch.cuda.synchronize()
-        times.append(start.elapsed_time(end))
-    return times[WARMUPS:]
+    """Times of several runs after a warm-up."""
+    return [1e3 * timing.seconds(run, device) for _ in range(WARMUPS + ROUNDS)][WARMUPS:]
 
 
 def as_graph(run: Run) -> Run:
@@ -68,20 +53,16 @@ def as_graph(run: Run) -> Run:
 def cases(device: torch.device) -> Iterator[tuple[str, Callable[[], Run]]]:
     """What is timed: a name, and a function that prepares the run."""
     is_gpu = device.type == "cuda"
-    for n, rows in ((288, 33), (20400, 7)):
-        roots = torch.randn(n, rows, rows, dtype=torch.float64, device=device)
-        matrices = roots @ roots.mT + torch.eye(rows, dtype=torch.float64, device=device)
-        yield f"Cholesky of {n} x {rows}", lambda m=matrices: functools.partial(torch.linalg.cholesky_ex, m)
     scene = sim30.SCENES["twigs"]
-    scene = dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, size=SIZE))
+    scene = dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, size=pages.SIZE))
     views = lfref.simulate(scene, outputs=("views",)).views.to(device)
-    planes = lfref.planes_at_alphas([n / 8 for n in range(1, 17)]).slopes
+    planes = pages.PLANES.slopes
     for name, (method, takes_scene) in METHODS.items():
         first = functools.partial(method, views, planes)
         yield name, lambda run=first: run
         if is_gpu and not takes_scene:
             yield f"{name}, graph", lambda run=first: as_graph(run)
-        if not takes_scene or not hasattr(lfref, "analyze_scene"):
+        if not takes_scene:
             continue
         known = functools.partial(method, views, planes, scene=lfref.analyze_scene(views))
         yield f"{name}, known", lambda run=known: run

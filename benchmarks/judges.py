@@ -555,18 +555,23 @@ def score(stack: Tensor, first: Tensor, second: Tensor) -> float:
     return float((-10 * product.mean((1, 2, 3)).clamp(min=10 ** (-MEAN_CAP_DB / 10)).log10()).mean())
 
 
+def complete() -> list[str]:
+    """Names of the scenes that are complete."""
+    return [name for name in SCENES if all(file.is_file() for file, *_ in shots(name))]
+
+
 @torch.no_grad()
 def score_table() -> Iterator[str]:
     """Scores of the methods on the scenes that are complete, clean and in noise."""
     yield from pages.head("scene", *METHODS)
-    names = [name for name in SCENES if all(file.is_file() for file, *_ in shots(name))]
     for sigma, kind in ((0.0, ""), (NOISE, f", noise {NOISE:g}")):
         rows = []
-        for name in names:
+        for name in complete():
             views, slopes, first, second = judged(name)
             views = views + sigma * torch.randn(views.shape, generator=torch.Generator().manual_seed(0))
             rows.append([score(method(views, slopes), first, second) for method in METHODS.values()])
-            yield pages.row(name + kind, *(f"{value:.2f}" for value in rows[-1]))
+            if not sigma:
+                yield pages.row(name, *(f"{value:.2f}" for value in rows[-1]))
         yield pages.row("mean" + kind, *(f"{value:.2f}" for value in np.mean(rows, 0)))
 
 

@@ -24,6 +24,7 @@ from PIL import Image, ImageDraw
 from torch.nn import functional as F
 
 import lfref
+from lfref.bench import timing
 from lfref.cli import config as configs
 from lfref.encoding import SRGB
 from lfref.io import images
@@ -40,11 +41,13 @@ FAR, FRUIT, NEAR = -2.0, 0.1, 1.0
 """Slopes at which the lamps, the fruit and the leaves are sharp."""
 CARD_SIZE = (630, 1200)
 """Height and width that Open Graph and Twitter's large card have in common."""
-FILM, WINDOW = pages.PICTURES / "page.webp", (1000, 600)
+FILM, WINDOW = pages.PICTURES / "page.webp", (960, 600)
 CLICKS = ((0.131, 0.2), (0.152, 0.68), (0.55, 0.70), (0.86, 0.20))
 """Points of the picture that are clicked in turn, shares of its width and height: a lamp, a leaf, the fruit, a leaf."""
 POINTING_MS, HELD_MS, MOVING_MS, N_MOVING, RING = 500, 1300, 80, 6, 11
 """Milliseconds that the ring shows where the click will be, that a focus stays, and of each frame between."""
+SETTLING_MS = 1500
+"""Milliseconds until the page has hidden its ring and text, and shows its best picture."""
 PHOTOGRAPHED, TAP = "thicket", (0.535, 0.57)
 """Scene of sim30 in the picture of a page, and the point that is tapped, on a twig."""
 SAMPLE_QUALITY = 93
@@ -67,6 +70,10 @@ EVENTS = """async (n) => {
   return performance.now() - last;
 }"""
 """Milliseconds from the last of n events of a slider until what it asks for is drawn."""
+SLIDE = """(value) => {
+  find("focus").value = value;
+  find("focus").dispatchEvent(new Event("input"));
+}"""
 
 
 def evening() -> Scene:
@@ -98,6 +105,16 @@ def make() -> None:
     images.write_image(CARD, pictures.for_display(card), quality=88)
 
 
+def make_gallery() -> None:
+    """Write pages of the path-traced scenes that are rendered, for the site."""
+    import judges  # Mitsuba is needed by nothing else here
+
+    for name in judges.complete():
+        lfref.write(RUN / f"{name}.exr", lfref.LightField(judges.judged(name)[0]), overwrite=True)
+        words = ("method@methods.first=blockwise_wiener", f"title={name}", f"output={RUN / name}", "overwrite=true")
+        pages.lfref("view", RUN / f"{name}.exr", *words)
+
+
 @contextmanager
 def chromium() -> Iterator[Any]:
     """The Chromium that is installed, with graphics by the processor where there is no other."""
@@ -127,11 +144,11 @@ def places(tab: Any, *points: tuple[float, float]) -> list[tuple[float, float]]:
 
 
 def film() -> None:
-    """Write the film of the page: points are ringed and clicked in turn."""
+    """Write the film of the page: points are ringed and clicked in turn; each frame waits until the page rests."""
     frames: list[Image.Image] = []
     times: list[int] = []
     with chromium() as browser:
-        tab = opened(browser, PAGE, WINDOW, reduced_motion="no-preference")
+        tab = opened(browser, PAGE, WINDOW)
 
         def take(duration: int) -> Image.Image:
             frames.append(Image.open(io.BytesIO(tab.screenshot())).convert("RGB"))
@@ -141,10 +158,16 @@ def film() -> None:
         for x, y in places(tab, *CLICKS):
             ends = [x - RING, y - RING, x + RING, y + RING]
             ImageDraw.Draw(take(POINTING_MS)).ellipse(ends, outline="white", width=3)
+            start = tab.evaluate("find('focus').value")
             tab.mouse.click(x, y)
-            for _ in range(N_MOVING):
-                tab.wait_for_timeout(MOVING_MS)
+            tab.wait_for_timeout(50)
+            tab.wait_for_function(RESTS)
+            end = tab.evaluate("find('focus').value")
+            for value in np.linspace(float(start), float(end), N_MOVING + 1)[1:]:
+                tab.evaluate(SLIDE, str(value))
+                tab.wait_for_function(RESTS)
                 take(MOVING_MS)
+            tab.wait_for_timeout(SETTLING_MS)
             take(HELD_MS)
     frames[0].save(FILM, save_all=True, append_images=frames[1:], duration=times, loop=0, quality=70, method=6)
 
@@ -172,7 +195,7 @@ def measure(page: Path) -> dict[str, Any]:
             times["following"].append(tab.evaluate(EVENTS, N_EVENTS))
             tab.context.close()
         version = browser.version
-    facts = {"version": version, "megabytes": page.stat().st_size / 1e6}
+    facts = timing.facts(pages.CPU) | {"version": version, "megabytes": page.stat().st_size / 1e6}
     return facts | {name: (statistics.median(values), max(values)) for name, values in times.items()}
 
 
@@ -204,9 +227,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Make the page that opens the site, and the site's card.")
     parser.add_argument("--film", action="store_true", help="also film, photograph and time pages in Chromium")
     parser.add_argument("--sample", action="store_true", help="write the sample that ships with lfref")
+    parser.add_argument("--gallery", action="store_true", help="write pages of the path-traced scenes")
     options = parser.parse_args()
-    if options.sample:
-        write_sample()
+    if options.sample or options.gallery:
+        write_sample() if options.sample else make_gallery()
         return
     make()
     if not options.film:

@@ -2,19 +2,19 @@
 
 Run by `make paper`, with the networks of `make weights`, runs in `runs/weights`. With `--runs` elsewhere nothing is
 written into the pages: `paper.py --runs FOLDER --network LABEL=PATH` evaluates another network, a run folder or a file.
-`--speed` measures only times, with untrained networks.
+`--speed` measures only times, with untrained networks, for `figures.py`.
 Letters: `N` planes, `C H W` channel, pixel row and column, `u v` view column and row, `k` cycles per pixel.
 """
 
 import argparse
 import functools
 import itertools
+import json
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pages
 import pandas as pd
 import pictures
@@ -31,12 +31,12 @@ from lfref.bench.accuracy import RIVAL
 from lfref.bench.evaluation import TRUTH, EvaluationCase
 from lfref.cli import config as configs
 from lfref.data.datamodules import SimulatedSource
-from lfref.io import write
+from lfref.io import atomic, write
 from lfref.io.read import read
 from lfref.lightfield import LightField
 from lfref.refocuser.load import load
 from lfref.refocuser.networks import NetworkRefocuser
-from lfref.refocuser.refocuser import OperatorRefocuser, Refocuser
+from lfref.refocuser.refocuser import Refocuser
 from lfref.report import drawing, tables
 from lfref.report.drawing import BLACK, BLUE, CYAN, GREY, MAGENTA, RED, TEAL
 from lfref.simulator import sim30
@@ -71,6 +71,8 @@ QUALITY = {
 }
 """Columns of the table, their headings, and how their numbers are written."""
 TIME = "time, ms (in FFTs)"
+SHOWN = 0.125, 0.25, 0.375, 0.5, 0.75, 1, 1.5, 2
+"""Alphas in the table of planes."""
 LAPLACIAN = torch.tensor([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])[None, None]
 
 
@@ -168,39 +170,15 @@ def planes(rows: pd.DataFrame) -> Iterator[str]:
     columns = {"psnr_db": ("dB", ".1f"), "sharpness": ("sharpness", ".2f")}
     headings = [f"{method}, {unit}" for unit, _ in columns.values() for method, _ in pairs]
     yield from pages.head("alpha", "outer views move by, px", *headings)
-    for place, alpha in enumerate(ALPHAS):
+    for place, alpha in ((place, alpha) for place, alpha in enumerate(ALPHAS) if alpha in SHOWN):
         cells = [number(means.loc[(alpha, *pair), name], form) for name, (_, form) in columns.items() for pair in pairs]
         yield row(f"{alpha:g}", f"{geometry.corner_shift(PLANES.slopes[[place]], (7, 7)):.1f}", *cells)
     yield ""
-    yield f"Each network by its own labels, `{RIVAL}` by shift_and_sum; sharpness: mean size of the Laplacian over that"
-    yield "of the label."
+    yield f"Each network is compared with its own labels, `{RIVAL}` with those of shift_and_sum. Sharpness: mean size"
+    yield "of the Laplacian divided by the label's."
 
 
 # Times
-
-
-def fourier_slice_numpy(views: Tensor, slopes: Tensor) -> Tensor:
-    """Fourier slices in plain NumPy, linear as in Ng 2005, one channel after the other: a baseline of time only."""
-    grid, size = views.shape[:2], views.shape[3:]
-    ky, kx = np.fft.fftfreq(size[0]), np.fft.fftfreq(size[1])
-    y, x = np.ogrid[: size[0], : size[1]]
-    stack = np.empty((len(slopes), *views.shape[2:]), np.float32)
-    for channel, light in enumerate(views.numpy().transpose(2, 0, 1, 3, 4)):
-        spectrum = np.fft.fftn(light) / (grid[0] * grid[1])
-        for plane, slope in enumerate(slopes.tolist()):
-            (rows, row_factors), (columns, column_factors) = (
-                _taps(-slope * k * n, n) for k, n in zip((ky, kx), grid, strict=True)
-            )
-            taps = itertools.product(zip(rows, row_factors, strict=True), zip(columns, column_factors, strict=True))
-            slice_ = sum(spectrum[v[:, None], u, y, x] * (fv[:, None] * fu) for (v, fv), (u, fu) in taps)
-            stack[plane, channel] = np.fft.ifft2(slice_).real
-    return torch.from_numpy(stack)
-
-
-def _taps(position: Any, n_views: int) -> tuple[Any, Any]:
-    """The two angular bins next to each position, and their factors with the aperture's middle as origin, [2, K]."""
-    bins = np.floor(position).astype(int) + np.arange(2)[:, None]
-    return bins % n_views, (1 - np.abs(position - bins)) * np.exp(1j * np.pi * bins * (n_views - 1) / n_views)
 
 
 @torch.no_grad()
@@ -223,21 +201,22 @@ def times(methods: Mapping[str, Callable[[Tensor], object]]) -> dict[str, str]:
     return {name: f"{1e3 * spent[name]:,.0f} ({spent[name] / spent[timing.FFT]:.2f})" for name in methods}
 
 
-def speed() -> Iterator[str]:
+SPEED = pages.FIGURES / "speed.json"
+
+
+def measure_speed() -> None:
     """Times as the paper measures them, and from disk to pictures; slow methods take turns in fewer rounds."""
     views = timed_views()
     nets = {"RefNet": "refnet", "RefNet, small": "refnet_small"}
     built = {name: configs.build(pages.composed("train", f"net={file}").net) for name, file in nets.items()}
-    slow = [OperatorRefocuser("fourier_slice_numpy", fourier_slice_numpy)]
-    slow += [NetworkRefocuser(network, PLANES, name) for name, network in built.items()]
+    slow = [NetworkRefocuser(network, PLANES, name) for name, network in built.items()]
     quick = [CLASSICAL[name] for name in (RIVAL, *LABELS, "shift_and_sum_antialiased", "blockwise_wiener")]
-    one: dict[str, float] = {}
-    yield from pages.head("method", "one light field, s", "in FFTs", "from disk to pictures, s", "in FFTs")
+    figures: dict[str, Any] = timing.facts(CPU) | {"methods": {}}
     with tempfile.TemporaryDirectory() as folder:
         field = write.write(Path(folder) / "field", LightField(views))
 
         def from_disk(method: Refocuser) -> None:
-            write.write_stack(Path(folder) / method.name, method(read(field), PLANES.slopes), PLANES)
+            write.write_stack(Path(folder) / method.name, method(read(field), PLANES.slopes), PLANES, overwrite=True)
 
         for methods, n_rounds in ((quick, 6), (slow, 2)):
             runs: dict[str, Callable[[], object]] = {
@@ -245,16 +224,26 @@ def speed() -> Iterator[str]:
             }
             runs |= {f"{each.name} from disk": functools.partial(from_disk, each) for each in methods}
             spent = seconds(runs, views, n_rounds)
-            fft = spent[timing.FFT]
+            figures["fft_s"] = spent[timing.FFT]
             for name in (each.name for each in methods):
-                one[name], disk = spent[name] / fft, spent[f"{name} from disk"]
-                yield row(name, f"{spent[name]:.3f}", f"{one[name]:.3f}", f"{disk:.2f}", f"{disk / fft:.2f}")
+                seconds_of = spent[name], spent[f"{name} from disk"]
+                figures["methods"][name] = [*seconds_of, *(each / spent[timing.FFT] for each in seconds_of)]
+    atomic.write_text(SPEED, json.dumps(figures, indent=1))
+
+
+def speed_table() -> Iterator[str]:
+    """Times of `measure_speed`."""
+    figures = json.loads(SPEED.read_text())
+    yield from pages.head("method", "one light field, s", "in FFTs", "from disk to pictures, s", "in FFTs")
+    for name, (one, disk, one_ffts, disk_ffts) in figures["methods"].items():
+        yield row(name, f"{one:.3f}", f"{one_ffts:.3f}", f"{disk:.2f}", f"{disk_ffts:.2f}")
     yield ""
     size = "x".join(map(str, pages.SIZE))
-    yield f"Light fields of 7x7x3x{size}, 16 planes, float32; NumPy's FFT of one takes {fft:.2f} s."
+    yield f"Light fields of 7x7x3x{size}, 16 planes, float32; NumPy's FFT of one takes {figures['fft_s']:.2f} s."
     yield "Disk: 49 PNG files, in the system's cache, to 16. Shift-and-sum makes all planes"
-    yield f"{1 / one['shift_and_sum']:.0f} times faster than the FFT; RefNet takes {one['RefNet']:.1f} FFTs."
-    yield f"{pages.machine(timing.facts(CPU))}; medians."
+    faster, refnet = 1 / figures["methods"]["shift_and_sum"][2], figures["methods"]["RefNet"][2]
+    yield f"{faster:.0f} times faster than the FFT; RefNet takes {refnet:.1f} FFTs."
+    yield f"{pages.machine(figures)}; medians."
 
 
 COLOURS = {
@@ -291,10 +280,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="The paper's claims, measured.")
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the results")
     parser.add_argument("--network", action="append", default=[], metavar="LABEL=PATH", help="another run or file")
-    parser.add_argument("--speed", action="store_true", help="measure only times, and fill their table")
+    parser.add_argument("--speed", action="store_true", help="measure only times")
     options = parser.parse_args()
     if options.speed:
-        pages.fill({"paper_speed": speed()})
+        measure_speed()
         return
     paths = {label: WEIGHTS / label for label in NETWORKS}
     paths |= {label: Path(path) for label, _, path in (each.partition("=") for each in options.network)}

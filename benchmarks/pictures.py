@@ -217,24 +217,6 @@ def fourier_slice() -> Figure:
     return sheet((error(name, stack[0], exact) for name, stack in stacks.items()), 4, bar="absolute error", **ERROR)
 
 
-def focal_stack_transform() -> Figure:
-    """Five planes of a stack, and a cut through all 61 of them along one row of pixels."""
-    slopes, line = geometry.even_slopes(61, -1.5, 1.5).tolist(), 132
-    stack = lfref.focal_stack_transform(still_life()[0], 61, -1.5, 1.5)
-    figure = drawing.new_figure(WIDTH, 3.0)
-    grid = figure.add_gridspec(2, 5, height_ratios=(1, 2.3))
-    for column, plane in enumerate((14, 23, 32, 40, 48)):
-        axes = figure.add_subplot(grid[0, column])
-        show(axes, at(slopes[plane]), stack[plane])
-        axes.axhline(line, color="white", linewidth=0.7, linestyle=":")
-    axes = figure.add_subplot(grid[1, :])
-    cut = for_display(stack[:, :, line].movedim(0, 1))
-    axes.imshow(cut, extent=(-0.5, SHAPE[1] - 0.5, -1.525, 1.525), origin="lower", aspect="auto")
-    label(axes, "x along the dotted row, px", SLOPE_LABEL)
-    axes.grid(visible=False)
-    return figure
-
-
 def tilt_shift() -> Figure:
     """A printed page, its lower edge near: one slope for the picture, and one that changes from top to bottom."""
     page = printed(f"{TEXT}\n{TEXT}", (SHAPE[1], SHAPE[0]), 10)
@@ -456,7 +438,7 @@ def stability() -> Figure:
 
 
 PHOTOGRAPHIC = (
-    *(shift_and_sum, interpolation, fourier_slice, focal_stack_transform, tilt_shift),
+    *(shift_and_sum, interpolation, fourier_slice, tilt_shift),
     *(per_pixel, all_in_focus, super_resolve, apertures, cells, near_focus, disparity_map),
     *(simulator_materials, simulator_sensor, simulator_truth, simulator_sim30),
 )

@@ -53,6 +53,9 @@ LIVING_PICTURE = f"""\
 
 Click a point to focus there. The scene is simulated. [The page alone]({LIVING}); [how to make one](docs/viewing.md).
 """
+# Pictures of path-traced scenes; those whose pages `page.py --gallery` has made are living.
+GALLERY = "docs/gallery.md"
+GALLERY_PICTURE = re.compile(r"^!\[(?P<what>[^\]]*)\]\(pictures/gallery_(?P<name>\w+)\.jpg\)$", re.MULTILINE)
 # What screen readers need and the theme lacks: its search has a name, and an entry of the contents is no landmark.
 AMENDED = (
     (re.compile(r'(data-md-component="search" role="dialog")'), r'\1 aria-label="Search"'),
@@ -88,6 +91,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     living = script("page")
     living.make()
     shown = {LIVING: living.PAGE, CARD: living.CARD}
+    made = [path for path in living.RUN.glob("*/index.html") if path != living.PAGE]
+    shown |= {f"gallery_{path.parent.name}.html": path for path in made}
     pages += [File.generated(config, name, abs_src_path=str(path)) for name, path in shown.items()]
     texts = {COMMANDS: commands(), PUBLIC_NAMES: public_names()} | {
         address(name): description(name) for name in described()
@@ -96,7 +101,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Open the site with the living picture, over the width of the contents' list too."""
+    """Open the site with the living picture, over the width of the contents' list too; pictures of the gallery live."""
+    if page.file.src_uri == GALLERY:
+        return GALLERY_PICTURE.sub(lambda picture: living_picture(picture, files), markdown)
     if page.file.src_uri != FRONT:
         return markdown
     page.meta["hide"] = ["toc"]
@@ -104,6 +111,15 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if n_pictures != 1:
         log.warning(f"{FRONT} must show docs/pictures/page.webp once; it does {n_pictures} times")
     return markdown
+
+
+def living_picture(picture: re.Match[str], files: Files) -> str:
+    """A picture of the gallery, with its page if the site has one."""
+    address = f"gallery_{picture['name']}.html"
+    if files.get_file_from_path(address) is None:
+        return picture[0]
+    frame = f'<iframe class="living" src="../{address}#embed" loading="lazy" title="{picture["what"]}"></iframe>'
+    return f"\n{frame}\n"
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:

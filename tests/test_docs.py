@@ -78,7 +78,7 @@ def test_the_code_of_the_page_on_the_simulator_runs_as_written():
     for block in re.findall(r"^```python\n(.*?)^```$", SIMULATOR.read_text("utf-8"), re.MULTILINE | re.DOTALL):
         exec(block, names)
         assert names["result"].views.shape == (7, 7, 3, 96, 144)
-    assert names["result"].truth is None
+    assert names["result"].truth.shape == (3, 3, 96, 144)
 
 
 @pytest.mark.slow
@@ -99,7 +99,7 @@ def commands() -> list[str]:
     for page in PAGES:
         text = page.read_text("utf-8").replace("\\\n", " ")
         names = "|".join(main.COMMANDS)
-        lines += re.findall(rf"^(?:srun )?(lfref (?:{names})\b[^\n]*)$", text, re.MULTILINE)
+        lines += re.findall(rf"^(?:srun |\$ )?(lfref (?:{names})\b[^\n]*)$", text, re.MULTILINE)
         lines += re.findall(rf"\| `(lfref (?:{names})\b[^`\n]*)` \|$", text, re.MULTILINE)
     return sorted(set(lines))
 

@@ -46,8 +46,6 @@ def test_the_image_is_warmed_by_commands_that_work(tmp_path):
     assert any("add_band" in file.name for file in loops.rglob("*"))
 
 
-def test_weights_hold_their_model_card_and_the_page_shows_it():
+def test_weights_hold_their_model_card():
     notes = checkpoint.read(ROOT / "lfref" / "weights" / "refnet.safetensors")["notes"]
     assert notes["card"]["licence"] == tomllib.loads(text("pyproject.toml"))["project"]["license"]
-    page = " ".join(text("docs/paper.md").split())
-    assert all(entry in page for entry in notes["card"].values())

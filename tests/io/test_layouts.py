@@ -206,8 +206,6 @@ FORMS: dict[str, Form] = {
     "the same on a serpentine path": movie("FILM.webm", 5, 3, is_serpentine=True),
     "film that goes there and back": movie("FILM.gif", 1, 8, returns=True),
     "Lytro, decoded by the Light Field Toolbox": Form(toolbox),
-    "Lytro as ESLF": aligned("IMG_0001_eslf.png", 14),
-    "raw lenslet image ([more]": raw("RAW.png"),
     "array": array((3, 4, 20, 30, 3)),
     "the same, if its shape is ambiguous": array((3, 3, 20, 30, 3)),
     "multi-part EXR": Form(exr),
