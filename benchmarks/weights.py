@@ -5,9 +5,8 @@ Run by `make weights`. Fills the accuracy in the pages. Without RUN the network 
 
 import argparse
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pages
 import paper
@@ -43,7 +42,7 @@ REFNET_CARD = {
     "licence": "MIT",
 }
 COLUMNS = {
-    **{name: paper.QUALITY[name] for name in ("psnr_db", "nonzero_psnr_db", "ssim", "n_db", "n_ssim")},
+    **{name: paper.QUALITY[name] for name in ("psnr_db", "nonzero_psnr_db", "ssim")},
     **{name: paper.QUALITY[name] for name in ("explained_near", "explained_wide")},
     "widest_db": ("alpha .125, dB", ".1f"),
     "colour_error": ("colour error", ".2%"),
@@ -58,20 +57,14 @@ def by_labels(network: networks.NetworkRefocuser, fields: Iterable[LightField]) 
     return {name: {key: round(float(row[key]), 4) for key in COLUMNS} for name, row in means.iterrows()}
 
 
-def table(network: networks.NetworkRefocuser, facts: Mapping[str, Any], capture: Path | None) -> Iterator[str]:
-    """Lines of the page: refnet and the mean of the views on sim30, and on a capture, whose planes are drawn."""
-    measured = {"sim30, 30 scenes": facts["sim30"]}
-    if capture is not None:
-        light = read(capture, angular_size=[7, 7])
-        measured["a capture, " + "x".join(map(str, light.views.shape[-2:]))] = by_labels(network, [light])
-        sheet = pictures.contact_sheet(network(light, PLANES.slopes)[SHOWN], [PLANES.labels[n] for n in SHOWN])
-        images.write_image(pages.PICTURES / "refnet_capture.jpg", sheet, quality=75)
-    yield from pages.head("by linear shift-and-sum", "method", *(heading for heading, _ in COLUMNS.values()))
-    for data, methods in measured.items():
-        for method, values in methods.items():
-            yield pages.row(data, method, *(f"{values[name]:{form}}" for name, (_, form) in COLUMNS.items()))
-    yield ""
-    yield f"Whole frames; trained by `{facts['command']}`."
+def table(network: networks.NetworkRefocuser, capture: Path) -> Iterator[str]:
+    """Lines of the page: refnet and the mean of the views on a capture, whose planes are drawn."""
+    light = read(capture, angular_size=[7, 7])
+    sheet = pictures.contact_sheet(network(light, PLANES.slopes)[SHOWN], [PLANES.labels[n] for n in SHOWN])
+    images.write_image(pages.PICTURES / "refnet_capture.jpg", sheet, quality=75)
+    yield from pages.head("on a capture, by linear shift-and-sum", *(heading for heading, _ in COLUMNS.values()))
+    for method, values in by_labels(network, [light]).items():
+        yield pages.row(method, *(pages.number(values[name], form) for name, (_, form) in COLUMNS.items()))
 
 
 def main() -> None:
@@ -100,7 +93,8 @@ def main() -> None:
         "card": REFNET_CARD,
     }
     checkpoint.write_weights(path, contents, facts)
-    pages.fill({"refnet": table(network, facts, options.capture)})
+    if options.capture is not None:
+        pages.fill({"refnet": table(network, options.capture)})
 
 
 if __name__ == "__main__":

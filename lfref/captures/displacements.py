@@ -160,6 +160,9 @@ def fit_linear(model: Tensor, observations: Tensor, information: Tensor, prior: 
     `information` is the inverse covariance of each observation, up to a common factor, [N, A, A]; `prior` the inverse
     variance of each parameter about 0 before any observation, [M].
     """
+    counts = information.diagonal(dim1=-2, dim2=-1).sum(-1) > 0
+    if bool(counts.any()):  # the others would make the typical residual look small
+        model, observations, information = model[counts], observations[counts], information[counts]
     trust = torch.ones(len(observations), dtype=observations.dtype)
     known = torch.zeros(model.shape[-1], dtype=observations.dtype) if prior is None else prior
     typical = torch.tensor(1.0)

@@ -73,6 +73,17 @@ def test_parameters_are_fitted_in_spite_of_outliers():
     assert fit.effect == pytest.approx(float((X @ TRUTH).square().mean().sqrt()), rel=0.3)
 
 
+def test_observations_without_information_change_nothing():
+    # Most patches of a colour may be flat: the typical residual is then that of the others.
+    observations = X @ TRUTH + 0.01 * torch.randn(60, 1, dtype=torch.float64)
+    flat = torch.cat([EVEN, torch.zeros(200, 1, 1, dtype=torch.float64)])
+    among_flat = displacements.fit_linear(
+        torch.cat([X, X.new_ones(200, 1, 2)]), torch.cat([observations, X.new_ones(200, 1)]), flat
+    )
+    for value, expected in zip(among_flat, displacements.fit_linear(X, observations, EVEN), strict=True):
+        torch.testing.assert_close(torch.as_tensor(value), torch.as_tensor(expected))
+
+
 def test_an_outlier_pulls_by_half_of_its_weight_at_two_standard_deviations():
     # All observations but one lie one standard deviation from 0, that one two: the pulls cancel at the fitted mean.
     observations = torch.tensor([1.0, -1.0] * 50 + [2.0]).double()[:, None]
