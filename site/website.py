@@ -118,7 +118,7 @@ def living_picture(picture: re.Match[str], files: Files) -> str:
     address = f"gallery_{picture['name']}.html"
     if files.get_file_from_path(address) is None:
         return picture[0]
-    frame = f'<iframe class="living" src="../{address}#embed" loading="lazy" title="{picture["what"]}"></iframe>'
+    frame = f'<iframe class="living scene" src="../{address}#embed" loading="lazy" title="{picture["what"]}"></iframe>'
     return f"\n{frame}\n"
 
 
