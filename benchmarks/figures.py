@@ -67,9 +67,10 @@ def bench() -> Iterator[str]:
         cells += [number(value) for value in by_class.loc[[SENSOR, CORRECTED], "psnr_db"]]
         yield row(*cells, number(by_class.loc[IDEAL, "delta_e"], ".2f"))
     yield ""
-    yield f"PSNR against truth, what a lens would have photographed: 30 scenes of sim30 ({known['sim30']}) and their"
-    yield f"aliased version ({known['aliased']}), the paper's 16 planes, {known['margin']} px of the border left out;"
-    yield f"sensor, the {rows['scenes'].min():.0f} scenes that have one, as they are and corrected by `correct=auto`."
+    yield f"PSNR against truth (what a lens would have photographed), the paper's 16 planes, without"
+    yield f"{known['margin']} px of border. Ideal: 30 scenes of sim30 ({known['sim30']}); aliased: their aliased version"
+    yield f"({known['aliased']});"
+    yield f"sensor: the {rows['scenes'].min():.0f} scenes that have a sensor, as they are; corrected: after `correct=auto`."
     yield f"In means, each PSNR is capped at {MEAN_CAP_DB:.0f} dB. `_fill`: `fill_factor=1`. Time: a light field of"
     yield f"{known['views']}, NumPy's FFT {rows['median_s'].iloc[0]:.2f} s;"
     yield f"{pages.machine(known)}, {known['repeats']} rounds."
@@ -95,9 +96,8 @@ def methods() -> Iterator[str]:
     for each in ideal.itertuples():
         yield row(each.Index, f"{each.psnr_db:.1f}", f"{1e3 * each.median_s:.0f}", METHODS[each.Index])
     yield ""
-    yield "PSNR: against what a lens would have photographed, mean of 16 planes of 30 simulated scenes without"
-    yield f"{known['margin']} px of the border. Time: 16 planes"
-    yield f"of {known['views']}; {pages.machine(known)}."
+    yield "PSNR: against what a lens would have photographed, 16 planes of 30 simulated scenes, without their border."
+    yield f"Time: 16 planes of {known['views']}; {pages.machine(known)}."
 
 
 def corrections() -> Iterator[str]:
