@@ -67,10 +67,10 @@ def bench() -> Iterator[str]:
         cells += [number(value) for value in by_class.loc[[SENSOR, CORRECTED], "psnr_db"]]
         yield row(*cells, number(by_class.loc[IDEAL, "delta_e"], ".2f"))
     yield ""
-    yield f"PSNR against truth (what a lens would have photographed), the paper's 16 planes, without"
-    yield f"{known['margin']} px of border. Ideal: 30 scenes of sim30 ({known['sim30']}); aliased: their aliased version"
-    yield f"({known['aliased']});"
-    yield f"sensor: the {rows['scenes'].min():.0f} scenes that have a sensor, as they are; corrected: after `correct=auto`."
+    yield "PSNR against truth (what a lens would have photographed), the paper's 16 planes, without"
+    yield f"{known['margin']} px of border. Ideal: 30 scenes of sim30 ({known['sim30']}); aliased: their aliased"
+    yield f"version ({known['aliased']}); sensor: the {rows['scenes'].min():.0f} scenes that have one, as they are;"
+    yield "corrected: after `correct=auto`."
     yield f"In means, each PSNR is capped at {MEAN_CAP_DB:.0f} dB. `_fill`: `fill_factor=1`. Time: a light field of"
     yield f"{known['views']}, NumPy's FFT {rows['median_s'].iloc[0]:.2f} s;"
     yield f"{pages.machine(known)}, {known['repeats']} rounds."
