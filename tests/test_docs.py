@@ -23,7 +23,7 @@ LARGEST, LARGEST_FILM = 120_000, 2_000_000  # bytes of a picture, of the README'
 PLOTS = {"accuracy_time.png": "bench", "causes.png": "causes", "stability.png": "stability"}
 """What is drawn from tables that runs have left."""
 GALLERY = {path.name for path in (ROOT / "docs" / "pictures").glob("gallery_*.jpg")}
-OF_OTHERS = {"refnet_capture.jpg", "page.jpg", "paper_scatter.png"} | GALLERY
+OF_OTHERS = {"refnet_capture.jpg", "page.jpg", "page.webp", "paper_scatter.png"} | GALLERY
 """What other scripts draw, of a capture, a browser or trained networks."""
 
 
@@ -48,7 +48,7 @@ def test_pictures_are_small_and_each_is_shown():
     assert pictures
     for picture in pictures:
         assert picture.stat().st_size <= LARGEST, picture.name
-        assert f"(pictures/{picture.name})" in shown, picture.name
+        assert f"pictures/{picture.name})" in shown, picture.name
 
 
 def test_the_first_picture_of_the_readme_is_a_short_film():
@@ -87,7 +87,7 @@ def test_all_pictures_of_the_pages_are_drawn(tmp_path):
         [sys.executable, ROOT / "benchmarks" / "pictures.py", "--output", tmp_path], check=True, cwd=tmp_path
     )
     drawn = {path.name for path in tmp_path.iterdir()}
-    linked = {name for page in PAGES for name in re.findall(r"\(pictures/(.*?)\)", page.read_text("utf-8"))}
+    linked = {name for page in PAGES for name in re.findall(r"pictures/([\w.]+)\)", page.read_text("utf-8"))}
     missing = {plot for plot, run in PLOTS.items() if not (ROOT / "runs" / "figures" / run).exists()}
     assert drawn == linked - OF_OTHERS - missing
     assert all((tmp_path / name).stat().st_size <= LARGEST for name in drawn)

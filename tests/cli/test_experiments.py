@@ -57,7 +57,7 @@ SWEEPS = [
     if path.stem != "bayes"  # which only wandb draws
     for name, entry in yaml.safe_load(path.read_text())["parameters"].items()
 ]
-VARIANTS = [[*member.overrides, *WHOLE, *SMALL] for member in ablations.members(1)]
+VARIANTS = [[*member.overrides, *WHOLE, *SMALL] for member in ablations.members()]
 CHOICES = [choice for kind in (EXPERIMENTS + VARIANTS, LABELS, SWEEPS) for choice in thinned(kind)]
 
 

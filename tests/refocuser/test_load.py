@@ -11,7 +11,7 @@ from lfref.refocuser.networks import SHIPPED, NetworkRefocuser
 from tests.export import cases
 
 SHA256 = {
-    "refnet": "552f4951df1b2c2a218a1923076ffb50472fc28b6f49aaaa3ec4ca82366daf3b",
+    "refnet": "e6e7567472fb330731d5dc0aad966c27261a211ecc14702d87d9b43077e134fc",
 }
 """Of the files that ship."""
 
