@@ -149,17 +149,17 @@ def _network(refocuser: NetworkRefocuser) -> Graph:
 
 
 class OperatorGraph(nn.Module):
-    """Light [V, U, C, H, W] and slopes [N] -> stack [N, C, H, W], by an operator whose options are bound."""
+    """Views [V, U, C, H, W] and slopes [N] -> stack [N, C, H, W], by an operator whose options are bound."""
 
     def __init__(self, operator: Operator, options: dict[str, Any], least: int) -> None:
         super().__init__()
         self.operator, self.options, self.least = operator, options, least
 
-    def forward(self, light: Tensor, slopes: Tensor) -> Tensor:
+    def forward(self, views: Tensor, slopes: Tensor) -> Tensor:
         """Refocus."""
-        for length in light.shape[3:]:
+        for length in views.shape[3:]:
             torch._check(length >= self.least)
-        return self.operator(light, slopes, **self.options)
+        return self.operator(views, slopes, **self.options)
 
 
 def _operator(refocuser: OperatorRefocuser, grid: tuple[int, int]) -> Graph:

@@ -152,12 +152,25 @@ def test_a_file_holds_no_path_of_the_machine_that_wrote_it(model):
     assert [part for part in paths if part.encode() in content] == []
 
 
-def test_the_program_of_the_page_needs_neither_pytorch_nor_lfref(model, tmp_path):
+SUM = OperatorRefocuser("sum", shift_and_sum)
+
+
+@pytest.mark.parametrize(("refocuser", "planes"), [(cases.network(2), None), (SUM, SLOPES)])
+def test_the_program_of_the_page_needs_neither_pytorch_nor_lfref(refocuser, planes, tmp_path):
     text = (ROOT / "docs" / "deployment.md").read_text("utf-8")
     (script,) = (block.partition("```")[0] for block in text.split("```python\n")[1:] if block.startswith("# run.py"))
     (tmp_path / "run.py").write_text("import sys\nsys.modules |= {'torch': None, 'lfref': None}\n" + script)
     light = cases.FIELDS[0]
     np.save(tmp_path / "views.npy", light.views.numpy())
-    subprocess.run([sys.executable, "run.py", model, "views.npy", "stack.npy"], cwd=tmp_path, check=True)
+    model = exported(refocuser, tmp_path / "file.onnx")
+    words = [
+        sys.executable,
+        "run.py",
+        model,
+        "views.npy",
+        "stack.npy",
+        *map(str, [] if planes is None else planes.tolist()),
+    ]
+    subprocess.run(words, cwd=tmp_path, check=True)
     stack = torch.from_numpy(np.load(tmp_path / "stack.npy"))
-    torch.testing.assert_close(stack, cases.network(2)(light), atol=1e-5, rtol=0)
+    torch.testing.assert_close(stack, refocuser(light, planes), atol=1e-5, rtol=0)
