@@ -166,7 +166,7 @@ def read(
     Options for other formats than that of the file have no effect.
 
     Args:
-        path: File or folder.
+        path: File or folder; `sample` is the light field that ships.
         angular_size: Rows and columns of views to keep, or one number for both; None keeps all, but 7x7 of a
             lenslet image or raw file.
         start: First row and column to keep, from 0, as stored; None keeps the centre, which for 7 of the 14
@@ -215,6 +215,7 @@ def read(
     """
     given = {name: value for name, value in locals().items() if name != "path"}
     options, path = ReadOptions.parse(**given), Path(path)
+    path = SAMPLE if path == Path(SAMPLE.name) and not path.exists() else path
     form = format_of(path)
     try:
         samples = form.decode(path, options)

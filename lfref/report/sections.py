@@ -191,10 +191,10 @@ def sweep(folder: Path) -> Section:
     jobs = [
         Run(path.parent) for path in sorted(folder.glob(f"*/{runs.CONFIG}"), key=lambda path: (len(str(path)), path))
     ]
-    finished = [job for job in jobs if job.is_finished]
-    text = f"{len(finished)} of {counted(len(jobs), 'job')} finished."
-    if unfinished := ", ".join(job.name for job in jobs if not job.is_finished):
-        text += f" Without an end: {unfinished}."
+    finished = [job for job in jobs if job.is_finished and any(row.get("val/mpsnr") for row in job.metrics)]
+    text = f"{len(finished)} of {counted(len(jobs), 'job')} finished with a validation."
+    if others := ", ".join(job.name for job in jobs if job not in finished):
+        text += f" The others: {others}."
     if not finished:
         return Section(f"Sweep: {folder.name}", text)
     table = summary(single_runs(finished))
