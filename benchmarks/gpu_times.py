@@ -1,4 +1,4 @@
-"""Times of the methods on a GPU: eager, compiled and as a CUDA graph, with their peak of memory; in under four minutes.
+"""Times of the methods on a GPU: eager, compiled and as a CUDA graph, with their peak of memory.
 
 Run by `make gpu`. A first stack analyzes the scene of its light field; `known` has it already, and its graph is
 captured. `--device cpu` tries the script without a GPU.
@@ -8,7 +8,6 @@ import argparse
 import dataclasses
 import functools
 import statistics
-import time
 from collections.abc import Callable, Iterator
 
 import pages
@@ -85,13 +84,9 @@ def main() -> None:
     """Print and keep the table; what cannot run says why."""
     parser = argparse.ArgumentParser(description="Times of the methods on a GPU.")
     parser.add_argument("--device", default="cuda", type=torch.device)
-    parser.add_argument("--minutes", type=float, default=3.7)
     options = parser.parse_args()
-    end, rows = time.monotonic() + 60 * options.minutes, []
+    rows = []
     for name, prepare in cases(options.device):
-        if time.monotonic() > end:
-            print("time is up")
-            break
         if options.device.type == "cuda":
             torch.cuda.reset_peak_memory_stats()
         try:
