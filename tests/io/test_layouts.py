@@ -217,8 +217,6 @@ FORMS: dict[str, Form] = {
     "rows or columns counted the other way": pictures(BY_CELL, change=lambda views: views[::-1]),
     "views counted down the columns": pictures(BY_CELL, 4, 3, change=lambda views: views.swapaxes(0, 1)),
     "Lytro, raw": Form(lytro, relative, 0.1),
-    "raw file": Form(lytro, relative, 0.1),
-    "extracted samples and their JSON": Form(lytro, relative, 0.1),
     "ESLF of the Stanford archive": aligned("IMG_0001_eslf.png", 14),
     "ESLF that the Light Field Toolbox wrote": aligned("FILE.png", 15),
     "raw lenslet image, square or hexagonal": raw("RAW.png", is_hexagonal=True),
