@@ -163,14 +163,7 @@ def test_the_program_of_the_page_needs_neither_pytorch_nor_lfref(refocuser, plan
     light = cases.FIELDS[0]
     np.save(tmp_path / "views.npy", light.views.numpy())
     model = exported(refocuser, tmp_path / "file.onnx")
-    words = [
-        sys.executable,
-        "run.py",
-        model,
-        "views.npy",
-        "stack.npy",
-        *map(str, [] if planes is None else planes.tolist()),
-    ]
-    subprocess.run(words, cwd=tmp_path, check=True)
+    slopes = [] if planes is None else map(str, planes.tolist())
+    subprocess.run([sys.executable, "run.py", model, "views.npy", "stack.npy", *slopes], cwd=tmp_path, check=True)
     stack = torch.from_numpy(np.load(tmp_path / "stack.npy"))
     torch.testing.assert_close(stack, refocuser(light, planes), atol=1e-5, rtol=0)
