@@ -163,8 +163,8 @@ def table(rows: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
         yield pages.row(variant, *cells, less, size, times[variant])
     yield ""
     yield f"Whole frames of the 30 scenes of sim30 ({sim30.VERSION}) without sensors, the paper's planes, one training"
-    yield "each. Near: alpha from .75, without 1; wide: up to .25. Time of a light field of"
-    yield f"7x7x3x{pages.SIZE[0]}x{pages.SIZE[1]}, in brackets in NumPy's 4-D FFTs of the same views."
+    yield "each. Near: alpha from .75, without 1; wide: up to .25. Time: of one light field of"
+    yield f"7x7x3x{pages.SIZE[0]}x{pages.SIZE[1]}, in brackets divided by that of NumPy's 4-D FFT of the same views."
 
 
 def main() -> None:
