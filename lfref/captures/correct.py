@@ -26,7 +26,7 @@ from lfref.lightfield import LightField
 from lfref.refocus.focus import slope_range
 from lfref.refocus.focus.slope_range import CoarseDisparity, ReducedViews
 
-VERSION = 5  # of all corrections, a part of cache keys; raise it when corrected light fields change
+VERSION = 6  # of all corrections, a part of cache keys; raise it when corrected light fields change
 SMALLEST = 32  # pixels, height and width of views: 8 of the 4-pixel blocks in which brightness is compared
 TEXTURE = 0.01  # difference of the root of light of neighbours in a texture
 LEAST_TEXTURED = 0.1  # share of the picture with textures from which views that do not fit together are not compared
