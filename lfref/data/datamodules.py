@@ -31,7 +31,6 @@ from lfref.simulator.scenes import Fixed, RandomScenes, Scenes
 from lfref.simulator.simulate import Simulation, developed
 
 log = logging.getLogger(__name__)
-MOST_NAMES = 10  # of held-out fields in the log
 
 # Splits: the paper's test set, a repeatable split, and a check for leaks. The public lists leak: one test field is in a
 # training list too, and fields of one set recur in another under new names. So held-out fields are recognised by
@@ -176,8 +175,7 @@ class FolderData(PatchData):
         if not (clean and held):
             remedy = "add fields, or hold out other ones by data.validation_path"
             raise InputError("there must be light fields to train on and others to hold out", remedy=remedy)
-        names = ", ".join(path.name for path in held[:MOST_NAMES])
-        log.info("held out: %s%s", names, f" and {len(held) - MOST_NAMES} more" if len(held) > MOST_NAMES else "")
+        log.info("held out: %s", ", ".join(path.name for path in held))
         return FolderSource(clean, self.open), FolderSource(held, self.open)
 
     def _paths(self) -> tuple[list[Path], list[Path], set[Path]]:

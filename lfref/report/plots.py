@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from torch import Tensor
 
+from lfref.bench import accuracy
 from lfref.bench.timing import FFT
 from lfref.geometry import FocalPlanes
 from lfref.report import drawing, pictures, tables
@@ -80,7 +81,7 @@ def by_plane(planes: pd.DataFrame, columns: Iterable[str] = ("psnr_db",)) -> Fig
     figures = figure.subfigures(len(parts), 1, squeeze=False, height_ratios=heights)[:, 0]
     for part, (*kind, reference, column, group) in zip(figures, parts, strict=True):
         title = tables.class_title(kind[0] if kind else tables.heading(column), reference)
-        means = tables.capped(group, column).groupby(["method", place], sort=False)[column].mean().reset_index(place)
+        means = accuracy.capped(group, column).groupby(["method", place], sort=False)[column].mean().reset_index(place)
         lines = {
             tables.plot_text(method, 40): line.sort_values(place)
             for method, line in means.groupby("method", sort=False)
@@ -117,7 +118,7 @@ def _draw_lines(
 
 def scatter(summary: pd.DataFrame) -> Figure:
     """The paper's figure: MPSNR against MSSIM, a point per light field, coloured by reference, shaped by method."""
-    rows = tables.capped(tables.judged_by_others(summary), "mpsnr_db")
+    rows = accuracy.capped(tables.judged_by_others(summary), "mpsnr_db")
     methods, references = (rows[name].unique().tolist() for name in ("method", "reference"))
     figure = new_figure(7.5, 5)
     axes = figure.add_subplot()
@@ -138,7 +139,7 @@ def front(rows: pd.DataFrame) -> Figure:
     Points of the front are full. Nearness to any other reference, the picture of a method, is no quality.
     """
     unit_ms = 1e3 * float(rows.loc[rows["method"] == FFT, "median_s"].iloc[0])
-    methods = tables.judged_by_others(tables.capped(rows, "psnr_db")).dropna(subset=["median_s", "psnr_db"])
+    methods = tables.judged_by_others(accuracy.capped(rows, "psnr_db")).dropna(subset=["median_s", "psnr_db"])
     times = 1e3 * methods[["median_s", "p10_s", "p90_s"]]
     classes = list(methods.assign(**times).groupby(["class", "reference"], sort=False))
     figure = new_figure(9, 5.4 * len(classes))

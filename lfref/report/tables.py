@@ -12,7 +12,6 @@ from typing import Any
 
 import pandas as pd
 
-from lfref.bench import accuracy
 from lfref.bench.evaluation import DENSE, TRUTH
 from lfref.errors import FileError
 from lfref.io import atomic
@@ -102,11 +101,6 @@ def pareto_front(table: pd.DataFrame, cost: str, gain: str) -> pd.DataFrame:
     rows = table.dropna(subset=[cost, gain]).sort_values([cost, gain], ascending=[True, False], kind="stable")
     is_cheapest = rows[cost] == rows.groupby(gain)[cost].transform("min")
     return rows[is_cheapest & (rows[gain] == rows[gain].cummax())]
-
-
-def capped(table: pd.DataFrame, column: str) -> pd.DataFrame:
-    """The table with PSNR in that column cut as in means; other columns stay as they are."""
-    return accuracy.capped(table, column) if column.endswith("psnr_db") else table
 
 
 def judged_by_others(rows: pd.DataFrame) -> pd.DataFrame:

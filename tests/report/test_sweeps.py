@@ -56,12 +56,12 @@ def test_the_table_has_what_varies_and_the_numbers_of_a_hand(tmp_path):
     np.testing.assert_allclose(found, [1.5, 1.5 - HALF, 1.5 + HALF])
 
 
-def test_jobs_without_a_validation_are_named(tmp_path):
+def test_a_job_without_a_validation_has_no_row(tmp_path):
     write_job(tmp_path / "0", "relu", 0, 20.0)
     tables.write_table(tmp_path / "0" / "log" / "metrics.csv", [{"step": 5, "train/loss": 0.5}])
+    write_job(tmp_path / "1", "gelu", 0, 21.0)
     (section,) = sections.sections([tmp_path])
-    assert "0 of 1 job finished" in section.text
-    assert "The others: 0." in section.text
+    assert section.files["sweep.csv"]["mean_db"].tolist() == [21.0]
 
 
 def test_unfinished_jobs_are_named_and_count_in_no_mean(tmp_path):
