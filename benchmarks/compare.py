@@ -1,16 +1,14 @@
 """Other programs on the same work: 16 planes of our path-traced scenes by the truth, and the time of the paper's size.
 
-Each program is installed into an environment of its own below `runs/compare`; a worker runs there, reads views and
-slopes, and writes its stack and its times. lfref takes part in the same way.
+A worker runs each program in an environment of its own below `runs/compare`, and lfref in this one.
 """
 
 import os
-import statistics
 import subprocess
 import sys
 import venv
 from collections.abc import Iterator
-from typing import NamedTuple
+from pathlib import Path
 
 import judges
 import numpy as np
@@ -29,14 +27,11 @@ folder = sys.argv[1]
 views, slopes = np.load(folder + "/views.npy"), np.load(folder + "/slopes.npy")
 {setup}
 times = []
-for _ in range(int(sys.argv[2])):
+while len(times) < int(sys.argv[2]) and sum(times) < 60:
     start = time.perf_counter()
     stack = {call}
     times.append(time.perf_counter() - start)
-    if sum(times) > 60:
-        break
-np.save(folder + "/stack.npy", np.asarray(stack, np.float32))
-np.save(folder + "/times.npy", times)
+np.savez(folder + "/result.npz", stack=np.asarray(stack, np.float32), times=times)
 """
 """Views [V, U, H, W, C] and slopes [N] in, stack [N, H, W, C] out."""
 PLENPY = """
@@ -90,84 +85,63 @@ refocus("{method}")  # compiles loops
 """
 
 
-class Program(NamedTuple):
-    """A method of a program: what pip installs with its dependencies (nothing: this environment), and without them."""
-
-    packages: tuple[str, ...]
-    setup: str
-    call: str
-    extra: tuple[str, ...] = ()
-
-
-OLD = ("numpy<2", "scipy<1.14")
+OLD = "numpy<2 scipy<1.14"
+OF_PLENPY = (f"plenpy==0.9.2 {OLD}",)
+OF_PLENOPTICAM = (
+    f"tifffile==2022.4.8 scikit-image==0.20 requests colour-demosaicing<0.2.4 depthy {OLD}",
+    "--no-deps plenopticam==0.9.3 color-space-converter color-matcher",
+)
+OF_PLENOPTOMOS = f"matplotlib h5py pillow imageio tqdm {OLD}", "--no-deps git+https://github.com/cicwi/plenoptomos"
+OURS = "shift_and_sum", "shift_and_sum_antialiased", "separable_wiener", "blockwise_wiener"
 PROGRAMS = {
-    "plenpy 0.9.2, linear": Program(("plenpy==0.9.2", *OLD), PLENPY, "refocus()"),
-    "plenpy 0.9.2, cubic splines": Program(("plenpy==0.9.2", *OLD), PLENPY, "refocus(splines())"),
-    "PlenoptiCam 0.9.3, whole steps": Program(
-        ("tifffile==2022.4.8", "scikit-image==0.20", "requests", "colour-demosaicing<0.2.4", "depthy", *OLD),
-        PLENOPTICAM,
-        "refocus()",
-        ("plenopticam==0.9.3", "color-space-converter", "color-matcher"),
-    ),
-    "plenoptomos 0.2.0, integration": Program(
-        ("matplotlib", "h5py", "pillow", "imageio", "tqdm", *OLD),
-        PLENOPTOMOS,
-        "refocus()",
-        ("git+https://github.com/cicwi/plenoptomos",),
-    ),
-    **{
-        f"lfref, {method}": Program((), LFREF.replace("{method}", method), f'refocus("{method}")')
-        for method in ("shift_and_sum", "shift_and_sum_antialiased", "separable_wiener", "blockwise_wiener")
-    },
+    "plenpy 0.9.2, linear": (PLENPY, "refocus()", OF_PLENPY),
+    "plenpy 0.9.2, cubic splines": (PLENPY, "refocus(splines())", OF_PLENPY),
+    "PlenoptiCam 0.9.3, whole steps": (PLENOPTICAM, "refocus()", OF_PLENOPTICAM),
+    "plenoptomos 0.2.0, integration": (PLENOPTOMOS, "refocus()", OF_PLENOPTOMOS),
+    **{f"lfref, {name}": (LFREF.replace("{method}", name), f'refocus("{name}")', ()) for name in OURS},
 }
+"""What is set up, what is timed, and what pip installs, call by call (nothing: it runs in this environment)."""
 
 
-def python_of(program: Program) -> str:
-    """The interpreter of an environment with the packages of a program, which is made on first use."""
-    if not program.packages:
-        return sys.executable
-    place = RUN / program.packages[0].partition("=")[0]
-    python = str(place / "bin" / "python")
-    if not (place / "installed").exists():
+def python_of(place: Path, packages: tuple[str, ...]) -> str:
+    """The interpreter of an environment with packages, which is made on first use."""
+    python = str(place / "bin" / "python") if packages else sys.executable
+    if packages and not (place / "complete").exists():
         venv.create(place, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *program.packages], check=True)
-        if program.extra:
-            subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-deps", *program.extra], check=True)
-        (place / "installed").touch()
+        for words in packages:
+            subprocess.run([python, "-m", "pip", "install", "--quiet", *words.split()], check=True)
+        (place / "complete").touch()
     return python
 
 
-def refocused(program: Program, views: torch.Tensor, slopes: torch.Tensor, repeats: int) -> tuple[torch.Tensor, float]:
+def refocused(title: str, views: torch.Tensor, slopes: torch.Tensor, repeats: int) -> tuple[torch.Tensor, float]:
     """The stack of a program, [N, C, H, W], and its median time in seconds."""
     folder = RUN / "work"
     folder.mkdir(parents=True, exist_ok=True)
     np.save(folder / "views.npy", views.permute(0, 1, 3, 4, 2).float().numpy())
     np.save(folder / "slopes.npy", slopes.double().numpy())
-    code = WORKER.format(setup=program.setup, call=program.call)
-    command = [python_of(program), "-c", code, str(folder), str(repeats)]
-    subprocess.run(
-        command, check=True, cwd=folder, stdout=subprocess.DEVNULL, env=os.environ | {"OMP_NUM_THREADS": "2"}
-    )
-    stack = torch.from_numpy(np.load(folder / "stack.npy")).permute(0, 3, 1, 2)
-    return stack, statistics.median(np.load(folder / "times.npy"))
+    setup, call, packages = PROGRAMS[title]
+    python, code = python_of(RUN / title.split()[0], packages), WORKER.format(setup=setup, call=call)
+    threads = os.environ | {"OMP_NUM_THREADS": "2"}
+    command = [python, "-c", code, str(folder), str(repeats)]
+    subprocess.run(command, check=True, cwd=folder, stdout=subprocess.DEVNULL, env=threads)
+    result = np.load(folder / "result.npz")
+    return torch.from_numpy(result["stack"]).permute(0, 3, 1, 2), float(np.median(result["times"]))
 
 
 def table() -> Iterator[str]:
     """Mean PSNR over the scenes that are complete, and the time of 16 planes of the paper's size."""
-    names = judges.complete()
-    views, planes, *_ = judges.judged(names[0])
+    scenes = [judges.judged(name) for name in judges.complete()]
+    views, planes, *_ = scenes[0]
     # The first scene, enlarged: times of some methods depend on what views show.
     large = F.interpolate(views.flatten(0, 1), pages.SIZE, mode="bilinear").unflatten(0, views.shape[:2])
     yield from pages.head("program", "PSNR, dB", "seconds")
-    for title, program in PROGRAMS.items():
-        scores = []
-        for name in names:
-            views, slopes, first, second = judges.judged(name)
-            scores.append(judges.score(refocused(program, views, slopes, 1)[0], first, second))
-        seconds = refocused(program, large, planes, REPEATS)[1]
-        yield pages.row(title, f"{statistics.mean(scores):.1f}", f"{seconds:.2g}")
+    for title in PROGRAMS:
+        scores = [judges.score(refocused(title, views, slopes, 1)[0], *truths) for views, slopes, *truths in scenes]
+        seconds = refocused(title, large, planes, REPEATS)[1]
+        yield pages.row(title, f"{np.mean(scores):.1f}", f"{seconds:.2g}")
     yield ""
-    yield f"PSNR by the truth, mean of {len(names)} path-traced scenes, 16 planes each; seconds for 16 planes"
+    yield f"PSNR by the truth, mean of {len(scenes)} path-traced scenes, 16 planes each; seconds for 16 planes"
     yield f"of 7x7x3x{pages.SIZE[0]}x{pages.SIZE[1]}, median of {REPEATS}, or one of"
     yield f"more than a minute; {pages.machine(timing.facts(pages.CPU))}."
 

@@ -47,6 +47,8 @@ FETCHED = re.compile(
 )
 # The page that opens the site, with its picture; on the site people refocus the picture themselves.
 FRONT, PICTURE = "README.md", re.compile(r"^!\[[^\]]*\]\(docs/pictures/page\.webp\)$", re.MULTILINE)
+# Badges are on other hosts; the site leaves them out.
+BADGE = re.compile(r"^!\[[^\]]*\]\((?:https:|\.\./)[^)]*\)\n", re.MULTILINE)
 LIVING, CARD = "living.html", "card.jpg"
 LIVING_PICTURE = f"""\
 <iframe class="living" src="{LIVING}#embed" title="A simulated scene to refocus: click a point to focus there"></iframe>
@@ -107,7 +109,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if page.file.src_uri != FRONT:
         return markdown
     page.meta["hide"] = ["toc"]
-    markdown, n_pictures = PICTURE.subn(LIVING_PICTURE, markdown)
+    markdown, n_pictures = PICTURE.subn(LIVING_PICTURE, BADGE.sub("", markdown))
     if n_pictures != 1:
         log.warning(f"{FRONT} must show docs/pictures/page.webp once; it does {n_pictures} times")
     return markdown
