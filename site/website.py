@@ -48,7 +48,7 @@ FETCHED = re.compile(
 # The page that opens the site, with its picture; on the site people refocus the picture themselves.
 FRONT, PICTURE = "README.md", re.compile(r"^!\[[^\]]*\]\(docs/pictures/page\.webp\)$", re.MULTILINE)
 # Badges are on other hosts; the site leaves them out.
-BADGE = re.compile(r"^!\[[^\]]*\]\((?:https:|\.\./)[^)]*\)\n", re.MULTILINE)
+BADGE = re.compile(r"!\[[^\]]*\]\((?:https:|\.\./)[^)]*\)\s*")
 LIVING, CARD = "living.html", "card.jpg"
 LIVING_PICTURE = f"""\
 <iframe class="living" src="{LIVING}#embed" title="A simulated scene to refocus: click a point to focus there"></iframe>
