@@ -1,4 +1,4 @@
-"""Ablations of a small RefNet that works: one training a row, evaluated by its labels and by the truth on sim30.
+"""Ablations of a small RefNet that works: one training a row, evaluated against its labels and the truth on sim30.
 
 Results go into `docs/ablations.csv` after each training. `make ablations` trains what is missing there, so that the
 experiment goes on where it was stopped, on any machine. A row counts while its setup, read from the configuration, and
@@ -64,14 +64,14 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 """What each row changes of the base."""
 KEY = ["variant", "setup"]
 MEASURES = {
-    "label_psnr_db": ("by its labels, dB", ".1f"),
+    "label_psnr_db": ("against its labels, dB", ".1f"),
     "label_nonzero_psnr_db": ("without alpha 1, dB", ".1f"),
     "label_explained": ("explained", ".3f"),
     "label_explained_near": ("near", ".3f"),
     "label_explained_wide": ("wide", ".3f"),
     "label_widest_db": ("alpha .125, dB", ".1f"),
     "label_colour_error": ("colour error", ".2%"),
-    "truth_psnr_db": ("by the truth, dB", ".1f"),
+    "truth_psnr_db": ("against the truth, dB", ".1f"),
     "truth_nonzero_psnr_db": ("without alpha 1, dB", ".1f"),
 }
 """Columns of the table, their headings, and how their numbers are written."""
@@ -128,7 +128,7 @@ def trained(member: Member, cases: Sequence[EvaluationCase]) -> dict[str, Any]:
 
 
 def measured(method: Refocuser, cases: Sequence[EvaluationCase]) -> dict[str, float]:
-    """Means over scenes and planes, by the labels (`label_`) and by the truth (`truth_`)."""
+    """Means over scenes and planes, against the labels (`label_`) and the truth (`truth_`)."""
     scores = paper.scores(paper.plane_rows(cases, [method, CLASSICAL[RIVAL]], [LABEL]))
     return {
         prefix + name: round(float(value), 5)
@@ -152,7 +152,7 @@ def times() -> dict[str, str]:
 def table(rows: pd.DataFrame, times: Mapping[str, str]) -> Iterator[str]:
     """All variants and methods."""
     headings = [heading for heading, _ in MEASURES.values()]
-    yield from pages.head("variant", *headings, "by its labels, difference from the base, dB", "parameters", paper.TIME)
+    yield from pages.head("variant", *headings, "difference from the base, dB", "parameters", paper.TIME)
     by_variant = rows.set_index("variant")
     base = by_variant.loc[BASE, "label_psnr_db"]
     for variant in (name for name in (*METHODS, *VARIANTS) if name in by_variant.index):

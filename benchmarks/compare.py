@@ -141,7 +141,7 @@ def table() -> Iterator[str]:
         seconds = refocused(title, large, planes, REPEATS)[1]
         yield pages.row(title, f"{np.mean(scores):.1f}", f"{seconds:.2g}")
     yield ""
-    yield f"PSNR by the truth, mean of {len(scenes)} path-traced scenes, 16 planes each; seconds for 16 planes"
+    yield f"PSNR against the truth, mean of {len(scenes)} path-traced scenes, 16 planes each; seconds for 16 planes"
     yield f"of 7x7x3x{pages.SIZE[0]}x{pages.SIZE[1]}, median of {REPEATS}, or one of"
     yield f"more than a minute; {pages.machine(timing.facts(pages.CPU))}."
 

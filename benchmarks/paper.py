@@ -145,7 +145,7 @@ def claims(rows: pd.DataFrame, scores: pd.DataFrame) -> Iterator[str]:
     for label in LABELS:
         n_db, n_ssim = (beside(scores[name], label, label, ".0f") for name in ("n_db", "n_ssim"))
         found = f"scenes of 30 from {LEAST_DB} dB: {n_db}; from an SSIM of {LEAST_SSIM}: {n_ssim}"
-        yield row(f"imitates {label}", "30 captures, by the labels", found)
+        yield row(f"imitates {label}", "30 captures, against the labels", found)
     compared = "a network on a GPU with NumPy's 4-D FFT on a CPU, which is no picture yet"
     ffts = {name: times[2] for name, times in json.loads(SPEED.read_text())["methods"].items()}
     found = ", ".join(f"{name} {ffts[name]:.2f}" for name in ("shift_and_sum", "RefNet, small", "RefNet"))
@@ -157,7 +157,7 @@ def claims(rows: pd.DataFrame, scores: pd.DataFrame) -> Iterator[str]:
             beside(scores[name], label, TRUTH, form, label)
             for name, form in (("colour_error", ".2%"), ("delta_e", ".2f"))
         )
-        found = f"error of the mean colour by the truth: {cast}; Delta E: {difference}"
+        found = f"error of the mean colour against the truth: {cast}; Delta E: {difference}"
         yield row(f"colours superior to {label}", "two captures, by eye", found)
         found = f"sharpness off by: {beside(off, label, label, '.0%')}"
         yield row(f"depth of field like {label}", "two captures, by eye", found)
@@ -257,12 +257,12 @@ COLOURS = {
 
 
 def scatter(rows: pd.DataFrame) -> Figure:
-    """The paper's figure, a point a scene: networks by their own labels, and all methods by the truth."""
+    """The paper's figure, a point a scene: networks against their own labels, and all methods against the truth."""
     points = accuracy.capped(rows, "psnr_db").groupby([*KEYS, "light_field"])[["psnr_db", "ssim"]].mean()
     own = [(NETWORKS[label], label) for label in LABELS]
     panels = {
         "as the paper: by their own labels": [(RIVAL, "shift_and_sum"), *own],
-        "by the truth": [(method, TRUTH) for method in COLOURS],
+        "against the truth": [(method, TRUTH) for method in COLOURS],
     }
     figure = drawing.new_figure(pictures.WIDTH, 3.6)
     for axes, (title, pairs) in zip(figure.subplots(1, 2), panels.items(), strict=True):

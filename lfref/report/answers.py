@@ -2,8 +2,8 @@
 
 "Ours" is the best network, and before all else it must be better than no refocusing, the mean of the views. Without a
 network, or without a classical method, ours is the best of all, beside the next. Rows that a method judges of its own
-pictures are left out. Only the truth, the picture of a lens, says which method is better; by any other reference, one
-is only nearer to it than another.
+pictures are left out. Only the truth, the picture of a lens, says which method is better; against any other reference,
+one is only above another.
 """
 
 import math
@@ -72,7 +72,7 @@ def of_bench(bench: pd.DataFrame, scenes: pd.DataFrame) -> Answer | None:
     where = f"{len(scores)} {f'scenes ({kind})' if reference == TRUTH and kind else 'light fields'}"
     sentence = f"On {where if len(scores) > 1 else scores.index[0]}"
     if reference not in TRUTHS:
-        sentence += f", judged by {reference} and not by the truth"
+        sentence += f", against {reference} (not the truth)"
     sentence += f", {ours.method} {_against_mean(ours)}{_compared(ours, other, reference)}"
     if len(scores) > 1:
         sentence += f", worst on {scores.idxmin()} ({scores.min():.1f} dB)"
@@ -98,12 +98,10 @@ def _compared(ours: pd.Series, other: pd.Series | None, reference: str) -> str:
     if other is None:
         return f"has {ours.psnr_db:.1f} dB"
     is_truth, gain = reference in TRUTHS, ours.psnr_db - other.psnr_db
-    rank = f"the {'best' if is_truth else 'nearest'} classical method" if ours.is_network > other.is_network else ""
-    named = f"{rank or 'the next method'}, {other.method}"
-    if abs(gain) < SAME_DB:
-        return f"is {'as good' if is_truth else f'as near to {reference}'} as {named}"
-    above, below = ("better", "worse") if is_truth else ("nearer to it", "farther from it")
-    return f"is {abs(gain):.1f} dB {above if gain > 0 else below} than {named}"
+    rank = "best classical" if ours.is_network > other.is_network else "next"
+    above, below, level = ("better than", "worse than", "as good as") if is_truth else ("above", "below", "level with")
+    relation = level if abs(gain) < SAME_DB else f"{abs(gain):.1f} dB {above if gain > 0 else below}"
+    return f"is {relation} the {rank} method, {other.method}"
 
 
 def write_crops(

@@ -127,7 +127,7 @@ def scatter(summary: pd.DataFrame) -> Figure:
         style["color"] = drawing.COLOURS[references.index(reference) % len(drawing.COLOURS)]
         axes.plot(group["mssim"], group["mpsnr_db"], linestyle="", markersize=6.5, alpha=0.75, **style)
     judge = references[0] if len(references) == 1 else "the reference"
-    title = f"One point per light field, judged by {', '.join(references)}"
+    title = f"One point per light field, against {', '.join(references)}"
     style_axes(axes, tables.score_label("mssim", judge), tables.score_label("mpsnr_db", judge), title)
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure

@@ -48,7 +48,7 @@ def class_title(name: object, reference: object) -> str:
     if reference in TRUTHS:
         return f"{name}, against {reference}"
     rank = ", evidence of the second rank" if reference == DENSE else ""
-    return f"{name}, judged by {reference} and not by the truth{rank}"
+    return f"{name}, against {reference} (not the truth){rank}"
 
 
 def score_label(column: str, reference: object) -> str:

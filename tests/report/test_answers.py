@@ -32,8 +32,8 @@ CLASSICAL = {"methods": ("sum", "layers")}
     [
         (
             {"reference": "layers", "kind": "capture"},
-            "On 2 light fields, judged by layers and not by the truth, network is 2.8 dB nearer to it than the nearest "
-            "classical method, sum, worst on stripes (30.5 dB), at 1.6 units of time against 0.25.",
+            "On 2 light fields, against layers (not the truth), network is 2.8 dB above the best classical method, "
+            "sum, worst on stripes (30.5 dB), at 1.6 units of time against 0.25.",
         ),
         (
             {"explained": [0.931, 0.9, 0.99], "explained_wide": [0.712, 0.5, None]},
