@@ -33,6 +33,7 @@ from lfref.functional.psnr import MEAN_CAP_DB
 from lfref.report import tables
 from lfref.simulator import sim30
 from lfref.simulator.effects.sensor import Sensor
+from tests.io import lytro_drawing
 
 
 def facts(run: str | Path) -> Any:
@@ -191,10 +192,27 @@ TRAINING = (
 )
 
 
-def printed(commands: Sequence[str]) -> Iterator[str]:
-    """Commands, and what each prints below its progress bars, run one after the other in an empty folder."""
+LYTRO = (
+    "lfref info IMG_0001.lfr reader.calibration=CALIBRATION",
+    "lfref view IMG_0001.lfr reader.calibration=CALIBRATION",
+)
+
+
+def write_lytro_files(folder: Path) -> None:
+    """Files of an Illum with a smaller sensor: a picture, and a white surface."""
+    camera = lytro_drawing.ILLUM._replace(size=(1680, 1824))
+    lattice, record = lytro_drawing.true_lattice(camera), lytro_drawing.frame_record(camera)
+    picture = lytro_drawing.picture_samples(camera, lattice)
+    lytro_drawing.write_raw(folder / "IMG_0001.lfr", camera, picture, record)
+    lytro_drawing.write_raw(folder / "CALIBRATION", camera, lytro_drawing.white_samples(camera, lattice), record)
+
+
+def printed(commands: Sequence[str], prepare: Callable[[Path], None] | None = None) -> Iterator[str]:
+    """Commands, and what each prints below its progress bars, run one after the other in a folder."""
     yield "```"
     with tempfile.TemporaryDirectory() as folder:
+        if prepare is not None:
+            prepare(Path(folder))
         for command in commands:
             words = [*pages.LFREF, *shlex.split(command)[1:]]
             run = subprocess.run(words, cwd=folder, check=True, stdout=subprocess.PIPE, text=True)
@@ -247,6 +265,7 @@ TABLES: dict[str, tuple[Any, Callable[[], Iterator[str]]]] = {
     "disparities": (None, disparities),
     "first_output": (None, functools.partial(printed, FIRST)),
     "training_output": (None, functools.partial(printed, TRAINING)),
+    "lytro_output": (None, functools.partial(printed, LYTRO, write_lytro_files)),
 }
 """Marker -> the file that it reads, if any, and its lines."""
 

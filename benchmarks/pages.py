@@ -9,6 +9,7 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
@@ -37,7 +38,7 @@ def fill(tables: Mapping[str, Iterable[str]], codes: Mapping[str, str] | None = 
 
     `codes` are the hashes of the code that was measured, of tables that were measured before.
     """
-    texts = {name: "\n".join(lines) for name, lines in tables.items()}
+    texts = {name: filled("\n".join(lines)) for name, lines in tables.items()}
     now = timing.code_hash()
 
     def replacement(marker: re.Match[str]) -> str:
@@ -50,6 +51,12 @@ def fill(tables: Mapping[str, Iterable[str]], codes: Mapping[str, str] | None = 
         if (new := MARKER.sub(replacement, text)) != text:
             atomic.write_text(page, new)
             print(f"wrote {page.relative_to(ROOT)}")
+
+
+def filled(text: str) -> str:
+    """A table, lists and code as they are; a paragraph is filled to the width of the pages."""
+    parts = (part if part.startswith(("|", "- ", "```")) else textwrap.fill(part, 120) for part in text.split("\n\n"))
+    return "\n\n".join(parts)
 
 
 def written() -> Iterator[Path]:
