@@ -19,7 +19,7 @@ COPY site/index_page.py site/
 COPY lfref lfref
 COPY conf conf
 COPY sweeps sweeps
-RUN pip install --extra-index-url "$TORCH_INDEX" --constraint constraints.txt '.[all,export]'
+RUN pip install --extra-index-url "$TORCH_INDEX" --constraint constraints.txt '.[all]'
 
 FROM ${PYTHON} AS cpu
 ARG REVISION=""

@@ -85,9 +85,9 @@ lint: install
 site: install
 	$(BIN)/mkdocs build --strict
 
-# Mitsuba renders what the simulator is checked by; `export` runs ONNX files; `dashboard` specifies panels.
+# Mitsuba renders what the simulator is checked by.
 $(VENV)/checks: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[mitsuba,export,dashboard]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --constraint constraints.txt --editable '.[dev,mitsuba]'
 	touch $@
 
 test: lint $(VENV)/checks

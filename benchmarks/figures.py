@@ -80,7 +80,7 @@ def bench() -> Iterator[str]:
 METHODS = {
     "mean_of_views": "nothing; baseline without refocusing",
     "shift_and_sum": "the plain sum of views, which the paper's network learns",
-    "shift_and_sum_antialiased": "the default: no copies of edges in wide blur",
+    "shift_and_sum_antialiased": "the default of `lfref refocus`: hardly any copies of edges in blur",
     "separable_wiener": "more accurate than the default; half the time of the best",
     "blockwise_wiener": "the most accurate",
     "refnet": "the paper's network: imitates shift_and_sum",

@@ -19,6 +19,7 @@ from lfref.refocus.focus import slope_range
 log = logging.getLogger(__name__)
 LEAST_BLUR = 0.5  # pixels: least shift of the outermost views at the first and last plane, the least blur that shows
 UNKNOWN = (-1.0, 1.0)  # first and last plane where the range of slopes is unknown, in pixels per view step
+DARK = 0.02  # median of linear light below which samples may have been linear, not sRGB
 NO_SLOPES = (
     "slopes are unknown (nothing moves, or too far, or the views do not belong together): give slopes=[LOW,HIGH], or "
     "check reader.angular_size, reader.grid and reader.spacing (see lfref info)"
@@ -92,8 +93,11 @@ class Inspection:
         ]
         if self.slopes is None:
             lines.append(NO_SLOPES)
+        v, u = self.reference
+        if self.field.metadata.get("encoding") == "srgb" and self.field.views[v, u].median() < DARK:
+            lines.append("the picture is very dark: if the files hold linear light, give reader.encoding=linear")
         if self.corrections.active:
-            lines.append("lfref refocus corrects these defects unless correct=none")
+            lines.append("lfref refocus, which corrects these defects unless correct=none")
         return lines
 
     def lines(self) -> list[str]:
@@ -136,10 +140,8 @@ def inspect(field: LightField, flat_field: LightField | None = None) -> Inspecti
         >>> inspection.disparity.shape, inspection.slopes
         (torch.Size([64, 80]), None)
     """
-    view = central_view(field)
     corrected, corrections = correct(field, flat_field=flat_field)
-    if ViewOrderDefect.name in corrections.active:
-        view = central_view(corrections[ViewOrderDefect.name].corrected(field))
+    view = central_view(corrected)
     return Inspection(
         field,
         view.reference,

@@ -1,5 +1,7 @@
 """Inspection: the properties of simulated scenes and of the real capture; planes over the range of a scene."""
 
+import dataclasses
+
 import pytest
 import torch
 from scipy.ndimage import gaussian_filter
@@ -40,6 +42,12 @@ def test_defects_are_named(inspection):
     assert any("correct=none" in line for line in vignetted.advice())
     assert vignetted.as_dict()["defects"]["vignetting"].startswith("corrected: ")
     assert inspection.corrections.active == ()
+
+
+def test_a_picture_that_may_be_linear_is_named(shards):
+    for scale, is_named in ((0.02, True), (1.0, False)):
+        dark = dataclasses.replace(shards, views=scale * shards.views)
+        assert any("reader.encoding=linear" in line for line in inspect(dark).advice()) == is_named
 
 
 def test_the_option_for_a_reversed_axis_is_named(shards):
