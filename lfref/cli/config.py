@@ -34,7 +34,8 @@ def build(config: Any, **arguments: Any) -> Any:
     except InstantiationException as error:
         if isinstance(error.__cause__, LfrefError):
             raise error.__cause__ from None
-        raise InputError("the configuration must fit what it describes", got=first_line(error)) from error
+        reason = f"{first_line(error)} {' '.join(str(error.__cause__).split())}"
+        raise InputError("the configuration must fit what it describes", got=reason) from error
 
 
 def plain(config: Any) -> Any:

@@ -67,7 +67,7 @@ def test_every_suite_of_bench_composes(composed, name):
     ("words", "said"),
     [
         (("net.activation=magic",), "activation must be one of"),  # our own error as it is
-        (("+net.colour=red",), "must fit what it describes"),
+        (("+net.colour=red",), "must fit what it describes.* unexpected keyword argument 'colour'"),
         (("data=folder",), r"data\.path"),
     ],
 )
