@@ -1,4 +1,4 @@
-"""Other programs on the same work: 16 planes of our path-traced scenes by the truth, and the time of the paper's size.
+"""Other programs on the same work: 16 planes of our path-traced scenes, and the time of the paper's size.
 
 A worker runs each program in an environment of its own below `runs/compare`, and lfref in this one.
 """

@@ -224,7 +224,7 @@ def measure_speed() -> None:
             }
             runs |= {f"{each.name} from disk": functools.partial(from_disk, each) for each in methods}
             spent = seconds(runs, views, n_rounds)
-            # A unit for all: beside a network, the FFT's memory comes anew from the system, which slows it.
+            # One unit for all rows: in turns with the networks, the FFT took a third longer.
             fft = figures.setdefault("fft_s", spent[timing.FFT])
             for name in (each.name for each in methods):
                 seconds_of = spent[name], spent[f"{name} from disk"]

@@ -9,7 +9,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from lfref.errors import InputError, LfrefError, first_line
+from lfref.errors import InputError, LfrefError
 from lfref.io import atomic
 
 
@@ -34,8 +34,7 @@ def build(config: Any, **arguments: Any) -> Any:
     except InstantiationException as error:
         if isinstance(error.__cause__, LfrefError):
             raise error.__cause__ from None
-        reason = f"{first_line(error)} {' '.join(str(error.__cause__).split())}"
-        raise InputError("the configuration must fit what it describes", got=reason) from error
+        raise InputError("the configuration must fit what it describes", got=" ".join(str(error).split())) from error
 
 
 def plain(config: Any) -> Any:

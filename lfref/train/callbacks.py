@@ -141,7 +141,7 @@ class Initialization(Callback):
         """Start the weights of a new run; a resumed run keeps its own. Training sees the same batches again."""
         if trainer.global_step > 0:
             return
-        log.info("weights start from what %d crops show", self.n_crops)
+        log.info("computing the first weights from %d crops", self.n_crops)
         views, labels = [], []
         for batch in map(trainer.strategy.batch_to_device, trainer.train_dataloader):  # type: ignore[arg-type]
             is_finite = batch["views"].isfinite().flatten(1).all(1) & batch["labels"].isfinite().flatten(1).all(1)
