@@ -51,7 +51,7 @@ SETTLING_MS = 1500
 PHOTOGRAPHED, TAP = "thicket", (0.535, 0.57)
 """Scene of sim30 in the picture of a page, and the point that is tapped, on a twig."""
 SAMPLE_QUALITY = 93
-"""Quality of the JPEG files of the sample: 1.9 MB; pictures of `blockwise_wiener` from it have 51 dB against the truth."""
+"""Quality of the JPEG files of the sample: 1.9 MB; `blockwise_wiener` has 51 dB against the truth with them."""
 MEASURES = pages.FIGURES / "browsing.json"
 GRID, LOADS, N_EVENTS = (9, 9), 7, 20
 UNTOUCHED_MS = 2000

@@ -134,7 +134,7 @@ def scatter(summary: pd.DataFrame) -> Figure:
 
 
 def front(rows: pd.DataFrame) -> Figure:
-    """Accuracy against time: a panel per class, a point per method, and against the truth a step line, the Pareto front.
+    """Accuracy against time: a panel per class, a point per method, and the Pareto front against the truth.
 
     Points of the front are full. Nearness to any other reference, the picture of a method, is no quality.
     """
